@@ -1,0 +1,1 @@
+"""Soft-robot physics: finite elements, rigid frames, joints. NumPy arrays in and out."""

@@ -1,0 +1,1 @@
+"""Actuation: joint limits, commands, animations."""

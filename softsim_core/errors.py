@@ -1,0 +1,62 @@
+"""Every error of the suite: typed, with its data, one sentence that says what is wrong, where, and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from os import PathLike
+
+
+def listing(names: Iterable[object]) -> str:
+    """Known names for a message: "servo_0, servo_1", or "none" for an empty collection."""
+    return ", ".join(str(name) for name in names) or "none"
+
+
+class SoftSimError(Exception):
+    """Base of all errors raised on purpose by the suite; its text is meant for a person."""
+
+
+class MeshError(SoftSimError, ValueError):
+    """A mesh file or mesh array cannot be used; carries its source (file path or name) and the reason."""
+
+    def __init__(self, source: str | PathLike[str], reason: str) -> None:
+        self.source, self.reason = str(source), reason
+        super().__init__(f"mesh {self.source}: {reason}")
+
+
+class MaterialError(SoftSimError, ValueError):
+    """A material parameter lies outside its interval; carries the parameter's name, value and what is allowed."""
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        self.name, self.value, self.allowed = name, value, allowed
+        super().__init__(f"material parameter {name} = {value} {allowed}")
+
+
+class ConfigError(SoftSimError, ValueError):
+    """A configuration file has a wrong key or value; carries file, key, value and what is allowed."""
+
+    def __init__(self, file: str | PathLike[str], key: str, problem: str) -> None:
+        self.file, self.key, self.problem = str(file), key, problem
+        where = f"{self.file}: {key}" if key else self.file
+        super().__init__(f"{where}: {problem}")
+
+
+class SceneError(SoftSimError, ValueError):
+    """A scene description does not fit together (unknown name, empty region, overlapping zones)."""
+
+
+class CommandError(SoftSimError, ValueError):
+    """A joint command is refused as a whole; nothing of it is applied."""
+
+
+class SnapshotError(SoftSimError, ValueError):
+    """Bytes given to restore are not a snapshot of this scene."""
+
+
+class SolverDivergedError(SoftSimError, RuntimeError):
+    """A step produced a non-finite or runaway state; the simulation keeps its last good one."""
+
+    def __init__(self, step: int, time_s: float, worst_node: int) -> None:
+        self.step, self.time_s, self.worst_node = step, time_s, worst_node
+        super().__init__(
+            f"diverged at step {step} (t = {time_s:.3f} s), node {worst_node}; reduce dt or the load per step"
+        )

@@ -1,0 +1,1 @@
+"""Finite elements: materials, corotational tetrahedra, stress."""

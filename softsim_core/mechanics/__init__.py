@@ -1,0 +1,1 @@
+"""Generalised coordinates: free nodes, rigid frames, joints."""

@@ -1,0 +1,37 @@
+"""Meshes as immutable arrays in [m]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from softsim_core.arrays import Array, IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TetMesh:
+    """Linear tetrahedra.
+
+    Attributes:
+        points: Node positions in [m], shape (n, 3).
+        tets: Node indices, shape (m, 4), positively oriented or not (the volume is taken absolute).
+        name: Where it came from, for messages.
+    """
+
+    points: Array
+    tets: IndexArray
+    name: str = "mesh"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceMesh:
+    """Triangles, outward where closed.
+
+    Attributes:
+        points: Vertex positions in [m], shape (n, 3).
+        triangles: Vertex indices, shape (k, 3).
+        name: Where it came from, for messages.
+    """
+
+    points: Array
+    triangles: IndexArray
+    name: str = "surface"

@@ -1,0 +1,1 @@
+"""Scenes: typed description, files, builder, ready-made parts."""

@@ -1,0 +1,336 @@
+"""What a scene is: typed, immutable, SI. YAML files and Python scenes both end here; the builder starts here.
+
+Angles of placements are in degrees in fields named `*_deg` (people write them); everything else is SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from softsim_core.actuation.limits import JointLimits
+from softsim_core.errors import SceneError, listing
+from softsim_core.mesh.types import TetMesh
+
+Vector: TypeAlias = tuple[float, float, float]
+Backend: TypeAlias = Literal["auto", "numba", "scipy"]
+RotationLaw: TypeAlias = Literal["polar", "qr"]
+Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """Where something sits: scale, then rotate about fixed x, then y, then z, then translate.
+
+    Attributes:
+        scale: Factor from file units to [m] (0.001 for a file in millimetres), > 0.
+        rotation_deg: Angles about the fixed x, y, z axes in [deg], applied in that order.
+        translation: Shift in [m].
+    """
+
+    scale: float = 1.0
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+    translation: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.scale < math.inf:
+            raise SceneError(f"scale must be > 0, not {self.scale}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshFile:
+    """A mesh file and its placement; a relative path is relative to the file that names it."""
+
+    file: Path
+    placement: Placement = Placement()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MaterialDescription:
+    """Isotropic linear elasticity: Young modulus in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5)."""
+
+    young_modulus: float
+    poisson_ratio: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyDescription:
+    """A deformable body.
+
+    Attributes:
+        name: Unique name.
+        mesh: Tetrahedra: a file, or arrays in [m].
+        material: Elastic law.
+        total_mass: Mass in [kg], > 0, spread equally over the nodes.
+        surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
+        colour: Red, green, blue, alpha in 0..1.
+    """
+
+    name: str
+    mesh: MeshFile | TetMesh
+    material: MaterialDescription
+    total_mass: float
+    surface: MeshFile | None = None
+    colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.total_mass < math.inf:
+            raise SceneError(f"body {self.name}: total_mass must be > 0 kg, not {self.total_mass}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """Nodes inside an oriented box, faces included: centre and full size in [m], turned as in Placement."""
+
+    center: Vector
+    size: Vector
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere:
+    """Nodes inside a sphere, surface included: centre and radius in [m]."""
+
+    center: Vector
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointDescription:
+    """One scalar degree of freedom between a base frame and the frame it moves.
+
+    Attributes:
+        name: Unique name; the order of joints in the scene is the order of commands.
+        kind: revolute ([rad] about `axis`) or prismatic ([m] along `axis`).
+        base: Base frame in the world (its scale is not used).
+        axis: Unit axis in the base frame, through its origin.
+        limits: Position interval and top speed.
+        rest: Position at which the scene is built, in [rad] or [m].
+        stiffness: None: the joint is exactly where it is commanded (a prescribed unknown; its reaction is the
+            holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it to the command.
+        inertia: Generalised inertia in [kg m^2] or [kg] of a joint with stiffness.
+        slide_axis: Direction in the base frame along which the start animation shifts the base, in simulation only.
+        horn_length: Length in [m] of the servo arm, for pictures only.
+    """
+
+    name: str
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    base: Placement = Placement()
+    axis: Vector = (0.0, 1.0, 0.0)
+    limits: JointLimits = JointLimits()
+    rest: float = 0.0
+    stiffness: float | None = None
+    inertia: float = 0.0
+    slide_axis: Vector = (1.0, 0.0, 0.0)
+    horn_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not math.isclose(math.hypot(*self.axis), 1.0, rel_tol=1e-6):
+            raise SceneError(f"joint {self.name}: axis {list(self.axis)} must have length 1")
+        if self.stiffness is not None and not 0.0 < self.stiffness < math.inf:
+            raise SceneError(f"joint {self.name}: stiffness must be > 0 (or absent), not {self.stiffness}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttachmentDescription:
+    """A region of a body that moves rigidly: with the world, with a joint, or as a free rigid frame.
+
+    Attributes:
+        name: Unique name; a free frame carries this name.
+        body: Name of the body.
+        to: "world" (held still), "free" (a rigid frame with six unknowns), or the name of a joint.
+        box, sphere: The region, exactly one; nodes are chosen once, on the rest shape.
+        relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
+        frame: Origin in [m] and orientation of a free frame, in world coordinates.
+        stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
+    """
+
+    name: str
+    body: str
+    to: str
+    box: Box | None = None
+    sphere: Sphere | None = None
+    relative_to: str | None = None
+    frame: Placement = Placement()
+    stiffness: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.box is None) == (self.sphere is None):
+            raise SceneError(f"attachment {self.name}: give exactly one of box and sphere")
+        if self.stiffness is not None and (self.to != "world" or not 0.0 < self.stiffness < math.inf):
+            raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolverSettings:
+    """Numerics: rotation law of the elements, implementation of the step, Rayleigh damping.
+
+    Attributes:
+        rotation: "polar" (default, symmetric, survives inversion) or "qr" (parity with the reference simulator).
+        backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
+        rayleigh_stiffness: Damping per stiffness in [s], >= 0.
+        rayleigh_mass: Damping per mass in [1/s], >= 0.
+    """
+
+    rotation: RotationLaw = "polar"
+    backend: Backend = "auto"
+    rayleigh_stiffness: float = 0.0
+    rayleigh_mass: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.rayleigh_stiffness < math.inf and 0.0 <= self.rayleigh_mass < math.inf):
+            raise SceneError("rayleigh_stiffness and rayleigh_mass must be >= 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandSettings:
+    """What the simulator does with commands.
+
+    Attributes:
+        enforce_limits: Keep joint limits (position and speed); False allows full turns, in simulation only.
+        out_of_range: "clamp" to the nearest allowed position, or "refuse" the whole command.
+    """
+
+    enforce_limits: bool = True
+    out_of_range: Literal["clamp", "refuse"] = "clamp"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartAnimation:
+    """The robot's start move: all joints from rest to a named pose, bases sliding in, in simulation only.
+
+    Attributes:
+        pose: Name of the pose reached.
+        duration: Time in [s], > 0.
+        base_shift: Shift in [m] of every joint's base along its slide_axis.
+        at_start: Play it as soon as the simulation runs.
+    """
+
+    pose: str
+    duration: float = 0.2
+    base_shift: float = 0.0
+    at_start: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyBinding:
+    """What a teleop key does: move joints `by` [rad] or [m] from where they are, go to a `pose`, or an `action`."""
+
+    help: str
+    joints: tuple[str, ...] = ()
+    by: float = 0.0
+    pose: str | None = None
+    action: Action | None = None
+
+    def __post_init__(self) -> None:
+        if sum((bool(self.joints), self.pose is not None, self.action is not None)) != 1:
+            raise SceneError(f"key binding {self.help!r}: give exactly one of joints, pose and action")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoCalibration:
+    """From a joint angle to the degree byte of a hobby servo: floor(sign * degrees + trim_deg) + zero_byte, clipped.
+
+    Attributes:
+        joint: Name of the joint.
+        zero_byte: Byte at joint angle 0.
+        sign: +1 or -1.
+        trim_deg: Mounting correction in [deg].
+        byte_min, byte_max: Range the servo may be sent to, within 0..180.
+        rest_byte: Safe byte before start and after the end.
+    """
+
+    joint: str
+    zero_byte: int = 179
+    sign: Literal[1, -1] = 1
+    trim_deg: float = 0.0
+    byte_min: int = 60
+    byte_max: int = 180
+    rest_byte: int = 150
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.byte_min <= self.rest_byte <= self.byte_max <= 180:
+            raise SceneError(f"servo {self.joint}: needs 0 <= byte_min <= rest_byte <= byte_max <= 180")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardDescription:
+    """The serial board that drives the servos: header byte, then one degree byte a servo.
+
+    Attributes:
+        servos: Calibrations in packet order.
+        baud_rate: Bits a second.
+        header: First byte of a packet; servo bytes never reach it.
+        rate: Packets a second in [Hz].
+    """
+
+    servos: tuple[ServoCalibration, ...]
+    baud_rate: int = 115200
+    header: int = 255
+    rate: float = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneDescription:
+    """A whole scene or robot; see the fields' types. `source` is the file it came from, for messages."""
+
+    name: str
+    dt: float = 0.01
+    gravity: Vector = (0.0, 0.0, -9.81)
+    solver: SolverSettings = SolverSettings()
+    bodies: tuple[BodyDescription, ...] = ()
+    joints: tuple[JointDescription, ...] = ()
+    attachments: tuple[AttachmentDescription, ...] = ()
+    effector: str | None = None
+    poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    commands: CommandSettings = CommandSettings()
+    start: StartAnimation | None = None
+    keys: dict[str, KeyBinding] = field(default_factory=dict)
+    board: BoardDescription | None = None
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.dt < math.inf:
+            raise SceneError(f"scene {self.name}: dt must be > 0 s, not {self.dt}")
+        for kind, names in (
+            ("body", [body.name for body in self.bodies]),
+            ("joint", self.joint_names),
+            ("attachment", [attachment.name for attachment in self.attachments]),
+        ):
+            for name in names:
+                if list(names).count(name) > 1:
+                    raise SceneError(f"scene {self.name}: two of kind {kind} are called {name}")
+        self._check_references()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in command order."""
+        return tuple(joint.name for joint in self.joints)
+
+    def _check_references(self) -> None:
+        bodies, joints = [body.name for body in self.bodies], self.joint_names
+        free = [attachment.name for attachment in self.attachments if attachment.to == "free"]
+
+        def known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
+            if name is not None and name not in names:
+                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; known: {listing(names)}")
+
+        for attachment in self.attachments:
+            known("body", attachment.body, bodies)
+            known("attachment target", attachment.to, ("world", "free", *joints))
+            known("joint", attachment.relative_to, joints)
+        known("effector (an attachment with to = free)", self.effector, free)
+        for pose, values in self.poses.items():
+            if len(values) != len(joints):
+                raise SceneError(f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints")
+        if self.start is not None:
+            known("pose", self.start.pose, tuple(self.poses))
+        for binding in self.keys.values():
+            known("pose", binding.pose, tuple(self.poses))
+            for joint in binding.joints:
+                known("joint", joint, joints)
+        if self.board is not None:
+            for servo in self.board.servos:
+                known("joint", servo.joint, joints)

@@ -1,0 +1,19 @@
+"""Fixtures shared by all tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def reference_dir() -> Path:
+    """Folder of the reference facts; tests that need it skip where it is absent."""
+    folder = Path(os.environ.get("SOFTSIM_REFERENCE", REPOSITORY.parent / "shared" / "reference"))
+    if not (folder / "data").is_dir():
+        pytest.skip(f"reference data not found in {folder} (set SOFTSIM_REFERENCE)")
+    return folder
