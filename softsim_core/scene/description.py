@@ -6,18 +6,45 @@ Angles of placements are in degrees in fields named `*_deg` (people write them);
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError, listing
 from softsim_core.mesh.types import TetMesh
 
+if TYPE_CHECKING:
+    from softsim_core.dynamics.simulation import Simulation
+
 Vector: TypeAlias = tuple[float, float, float]
 Backend: TypeAlias = Literal["auto", "numba", "scipy"]
 RotationLaw: TypeAlias = Literal["polar", "qr"]
 Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
+
+
+class FieldError(SceneError):
+    """One field of a description is out of range; carries the field's name, so that loaders can name the key."""
+
+    def __init__(self, owner: str, field: str, value: object, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        super().__init__(f"{owner}: {field} must be {allowed}, not {value}")
+
+
+def _need_positive(owner: str, field: str, value: float, unit: str) -> None:
+    if not 0.0 < value < math.inf:  # also rejects NaN
+        raise FieldError(owner, field, value, f"> 0 {unit}".rstrip())
+
+
+def _need_finite(owner: str, field: str, values: tuple[float, ...]) -> None:
+    if not all(math.isfinite(value) for value in values):
+        raise FieldError(owner, field, list(values), "finite")
+
+
+def _need_unit(owner: str, field: str, axis: Vector) -> None:
+    if not math.isclose(math.hypot(*axis), 1.0, rel_tol=1e-6):  # also rejects NaN and infinity
+        raise FieldError(owner, field, list(axis), "a direction of length 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +62,9 @@ class Placement:
     translation: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.scale < math.inf:
-            raise SceneError(f"scale must be > 0, not {self.scale}")
+        _need_positive("placement", "scale", self.scale, "")
+        _need_finite("placement", "rotation_deg", self.rotation_deg)
+        _need_finite("placement", "translation", self.translation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +81,13 @@ class MaterialDescription:
 
     young_modulus: float
     poisson_ratio: float
+
+    def __post_init__(self) -> None:
+        _need_positive("material", "young_modulus", self.young_modulus, "Pa")
+        if not -1.0 < self.poisson_ratio < 0.5:
+            raise FieldError(
+                "material", "poisson_ratio", self.poisson_ratio, "between -1 and 0.5 (both excluded)"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,8 +111,9 @@ class BodyDescription:
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.total_mass < math.inf:
-            raise SceneError(f"body {self.name}: total_mass must be > 0 kg, not {self.total_mass}")
+        _need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
+        if not all(0.0 <= channel <= 1.0 for channel in self.colour):
+            raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +124,12 @@ class Box:
     size: Vector
     rotation_deg: Vector = (0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        _need_finite("box", "center", self.center)
+        _need_finite("box", "rotation_deg", self.rotation_deg)
+        if not all(0.0 < edge < math.inf for edge in self.size):
+            raise FieldError("box", "size", list(self.size), "three lengths > 0 m")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere:
@@ -95,6 +137,10 @@ class Sphere:
 
     center: Vector
     radius: float
+
+    def __post_init__(self) -> None:
+        _need_finite("sphere", "center", self.center)
+        _need_positive("sphere", "radius", self.radius, "m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,10 +173,15 @@ class JointDescription:
     horn_length: float = 0.0
 
     def __post_init__(self) -> None:
-        if not math.isclose(math.hypot(*self.axis), 1.0, rel_tol=1e-6):
-            raise SceneError(f"joint {self.name}: axis {list(self.axis)} must have length 1")
-        if self.stiffness is not None and not 0.0 < self.stiffness < math.inf:
-            raise SceneError(f"joint {self.name}: stiffness must be > 0 (or absent), not {self.stiffness}")
+        owner = f"joint {self.name}"
+        _need_unit(owner, "axis", self.axis)
+        _need_unit(owner, "slide_axis", self.slide_axis)
+        _need_finite(owner, "rest", (self.rest,))
+        if self.stiffness is not None:
+            _need_positive(owner, "stiffness", self.stiffness, "(or absent)")
+        for field_name, value in (("inertia", self.inertia), ("horn_length", self.horn_length)):
+            if not 0.0 <= value < math.inf:
+                raise FieldError(owner, field_name, value, ">= 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,8 +231,12 @@ class SolverSettings:
     rayleigh_mass: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (0.0 <= self.rayleigh_stiffness < math.inf and 0.0 <= self.rayleigh_mass < math.inf):
-            raise SceneError("rayleigh_stiffness and rayleigh_mass must be >= 0")
+        for name, value, unit in (
+            ("rayleigh_stiffness", self.rayleigh_stiffness, "s"),
+            ("rayleigh_mass", self.rayleigh_mass, "1/s"),
+        ):
+            if not 0.0 <= value < math.inf:
+                raise FieldError("solver", name, value, f">= 0 {unit}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,6 +268,10 @@ class StartAnimation:
     base_shift: float = 0.0
     at_start: bool = False
 
+    def __post_init__(self) -> None:
+        _need_positive("start animation", "duration", self.duration, "s")
+        _need_finite("start animation", "base_shift", (self.base_shift,))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyBinding:
@@ -227,6 +286,7 @@ class KeyBinding:
     def __post_init__(self) -> None:
         if sum((bool(self.joints), self.pose is not None, self.action is not None)) != 1:
             raise SceneError(f"key binding {self.help!r}: give exactly one of joints, pose and action")
+        _need_finite(f"key binding {self.help!r}", "by", (self.by,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,10 +331,35 @@ class BoardDescription:
     header: int = 255
     rate: float = 50.0
 
+    def __post_init__(self) -> None:
+        if not self.baud_rate > 0:
+            raise FieldError("board", "baud_rate", self.baud_rate, "> 0 bits/s")
+        if not 180 < self.header <= 255:
+            raise FieldError("board", "header", self.header, "in 181..255, above every servo byte")
+        _need_positive("board", "rate", self.rate, "Hz")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Controller:
+    """A user's own code in the loop; each hook is optional and gets the running Simulation.
+
+    Attributes:
+        on_begin: Called before every step.
+        on_end: Called after every step.
+        on_key: Called with the name of a pressed key ("up", "a") that the scene's own bindings have seen too.
+    """
+
+    on_begin: Callable[[Simulation], None] | None = None
+    on_end: Callable[[Simulation], None] | None = None
+    on_key: Callable[[Simulation, str], None] | None = None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """A whole scene or robot; see the fields' types. `source` is the file it came from, for messages."""
+    """A whole scene or robot; see the fields' types.
+
+    `controllers` come from Python scenes only; `source` is the file it came from, for messages.
+    """
 
     name: str
     dt: float = 0.01
@@ -289,11 +374,12 @@ class SceneDescription:
     start: StartAnimation | None = None
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
+    controllers: tuple[Controller, ...] = ()
     source: Path | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.dt < math.inf:
-            raise SceneError(f"scene {self.name}: dt must be > 0 s, not {self.dt}")
+        _need_positive(f"scene {self.name}", "dt", self.dt, "s")
+        _need_finite(f"scene {self.name}", "gravity", self.gravity)
         for kind, names in (
             ("body", [body.name for body in self.bodies]),
             ("joint", self.joint_names),
@@ -324,7 +410,10 @@ class SceneDescription:
         known("effector (an attachment with to = free)", self.effector, free)
         for pose, values in self.poses.items():
             if len(values) != len(joints):
-                raise SceneError(f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints")
+                raise SceneError(
+                    f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints"
+                )
+            _need_finite(f"scene {self.name}", f"poses.{pose}", values)
         if self.start is not None:
             known("pose", self.start.pose, tuple(self.poses))
         for binding in self.keys.values():

@@ -1,0 +1,98 @@
+"""Where robots and scenes are found: by name or by path, from any working directory."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from softsim_core.errors import ConfigError, listing
+
+Kind: TypeAlias = Literal["robots", "scenes"]
+KINDS: tuple[Kind, ...] = ("robots", "scenes")
+SUFFIXES = (".yaml", ".yml", ".py")
+"""File types a scene may have, in order of preference."""
+
+
+def config_roots() -> list[Path]:
+    """Existing `configs` folders, best first.
+
+    The entries of $SOFTSIM_CONFIG_PATH; `configs/` beside the package (a checkout, also through symlinked packages);
+    `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH; `<sys.prefix>/share/softsim/configs`.
+    """
+    checkout = Path(__file__).resolve().parents[2] / "configs"
+    candidates = [*_paths_of("SOFTSIM_CONFIG_PATH")]
+    if (checkout / "robots").is_dir():
+        candidates.append(checkout)
+    candidates += [
+        prefix / "share" / "softsim_bringup" / "configs" for prefix in _paths_of("AMENT_PREFIX_PATH")
+    ]
+    candidates.append(Path(sys.prefix) / "share" / "softsim" / "configs")
+    return list(dict.fromkeys(root for root in candidates if root.is_dir()))
+
+
+def config_file(relative: str | os.PathLike[str]) -> Path:
+    """A file below one of the config roots, such as `meshes/tripod_low.vtk`.
+
+    Raises:
+        ConfigError: no root holds it.
+    """
+    roots = config_roots()
+    for root in roots:
+        if (root / relative).is_file():
+            return root / relative
+    raise ConfigError(
+        relative, "", f"no such file; looked in {listing(roots)}; set SOFTSIM_CONFIG_PATH to your configs"
+    )
+
+
+def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
+    """Names and files of the robots and scenes that can be loaded by name, sorted by name.
+
+    Args:
+        kind: Only robots or only scenes; None lists both (a robot hides a scene of the same name).
+    """
+    known: dict[str, Path] = {}
+    for each in KINDS if kind is None else (kind,):
+        for root in config_roots():
+            folder = root / each
+            for suffix in SUFFIXES:
+                for path in folder.rglob(f"*{suffix}"):
+                    if not path.name.startswith("_"):
+                        known.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
+    return dict(sorted(known.items()))
+
+
+def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) -> Path:
+    """The file of a robot or scene.
+
+    Args:
+        name_or_path: A path to a .yaml, .yml or .py file, or a name: "tripod", "tripod_step_3", "parts/servo".
+        kind: Where a name is looked up; None: robots, then scenes.
+
+    Returns:
+        Absolute path of an existing file.
+
+    Raises:
+        ConfigError: nothing found, or a path that is not a scene file; names what is known.
+    """
+    text = os.fspath(name_or_path)
+    path = Path(text).expanduser()
+    if path.suffix in SUFFIXES and path.is_file():
+        return path.absolute()
+    if path.is_file() and (path.is_absolute() or path.suffix or len(path.parts) > 1):
+        raise ConfigError(text, "", f"a scene file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
+    known = known_scenes(kind)
+    name = path.with_suffix("").as_posix() if path.suffix in SUFFIXES else text
+    if name in known and (path.suffix in ("", known[name].suffix) or name == text):
+        return known[name].absolute()
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    what = "robot" if kind == "robots" else "scene" if kind == "scenes" else "robot or scene"
+    raise ConfigError(text, "", f"no such file, and no {what} of that name{hint}; known: {listing(known)}")
+
+
+def _paths_of(variable: str) -> list[Path]:
+    return [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]

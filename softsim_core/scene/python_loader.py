@@ -1,0 +1,106 @@
+"""A scene from a Python file with a function `create_scene(scene)`."""
+
+from __future__ import annotations
+
+import linecache
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from softsim_core.errors import ConfigError, SceneError
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.scene import Scene
+from softsim_core.scene.structure import sourced, structure_scene, unstructure_scene
+from softsim_core.scene.yaml_source import merge
+
+
+def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) -> SceneDescription:
+    """The scene that a Python file builds.
+
+    Args:
+        file: A file that defines `create_scene(scene)`; it gets a `Scene` and adds to it. It may import modules that
+            lie beside it. Relative mesh paths are relative to the file.
+        overrides: Laid over the result by the rules of `load_yaml`, before validation.
+
+    Returns:
+        Validated description with absolute mesh paths; `source` is the file.
+
+    Raises:
+        ConfigError: an error in the file (with its line), or a scene that does not validate. Ctrl-C passes.
+    """
+    path = Path(file).expanduser().absolute()
+    scene = Scene(name=path.stem)
+    with _beside(path), _errors_of(path):
+        create_scene = _module(path).__dict__.get("create_scene")
+        if not callable(create_scene):
+            raise ConfigError(path, "", "must define a function create_scene(scene)")
+        create_scene(scene)
+    try:
+        draft = scene.describe()
+        data = unstructure_scene(draft, path)
+    except SceneError as error:
+        raise ConfigError(path, "", str(error)) from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(path, "", f"the scene holds a value of a wrong type ({error})") from error
+    if overrides:
+        data = merge(data, sourced(overrides, None))
+    return replace(structure_scene(data, path), source=path, controllers=draft.controllers)
+
+
+def _module(path: Path) -> ModuleType:
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(path, "", f"cannot be read ({error.strerror or error})") from error
+    linecache.checkcache(str(path))  # tracebacks show the file as it is now
+    module = ModuleType(f"softsim_scene_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # dataclasses and pickle look their module up
+    exec(compile(source, str(path), "exec"), module.__dict__)  # noqa: S102  a scene file is a program
+    return module
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[None]:
+    folder = str(path.parent)
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        if folder in sys.path:
+            sys.path.remove(folder)
+
+
+@contextmanager
+def _errors_of(path: Path) -> Iterator[None]:
+    """Any failure inside becomes one ConfigError that names the last line of `path` that was running."""
+    try:
+        yield
+    except ConfigError as error:
+        if error.file == str(path):
+            raise
+        raise ConfigError(path, _line_of(error, path), str(error)) from error
+    except SyntaxError as error:
+        inside = error.filename in (None, str(path))
+        line = f"line {error.lineno}" if inside else _line_of(error, path)
+        where = "" if inside else f" in {error.filename}, line {error.lineno}"
+        raise ConfigError(path, line, f"Python syntax: {error.msg}{where}") from error
+    except SceneError as error:
+        raise ConfigError(path, _line_of(error, path), str(error)) from error
+    except (Exception, SystemExit) as error:
+        text = str(error) or "no message"
+        raise ConfigError(path, _line_of(error, path), f"{type(error).__name__}: {text}") from error
+
+
+def _line_of(error: BaseException, path: Path) -> str:
+    lines = [
+        number
+        for frame, number in traceback.walk_tb(error.__traceback__)
+        if frame.f_code.co_filename == str(path)
+    ]
+    return f"line {lines[-1]}" if lines else ""

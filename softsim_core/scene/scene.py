@@ -1,0 +1,170 @@
+"""A scene under construction, as a Python scene file sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+from softsim_core.actuation.animation import Mode, factor_at, is_over
+from softsim_core.errors import SceneError
+from softsim_core.scene.description import (
+    AttachmentDescription,
+    BoardDescription,
+    BodyDescription,
+    CommandSettings,
+    Controller,
+    JointDescription,
+    KeyBinding,
+    SceneDescription,
+    SolverSettings,
+    StartAnimation,
+    Vector,
+)
+
+if TYPE_CHECKING:
+    from softsim_core.dynamics.simulation import Simulation
+
+StepCallback: TypeAlias = "Callable[[Simulation], None]"
+KeyCallback: TypeAlias = "Callable[[Simulation, str], None]"
+Item: TypeAlias = "BodyDescription | JointDescription | AttachmentDescription | Controller | Part"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """What a part adds to a scene: bodies, joints, attachments, controllers, and possibly the end effector."""
+
+    bodies: tuple[BodyDescription, ...] = ()
+    joints: tuple[JointDescription, ...] = ()
+    attachments: tuple[AttachmentDescription, ...] = ()
+    controllers: tuple[Controller, ...] = ()
+    effector: str | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class Scene:
+    """A mutable scene: set its fields, `add` parts, hook controllers in; `describe` gives the validated description.
+
+    Attributes: as in SceneDescription; lists instead of tuples.
+    """
+
+    name: str = "scene"
+    dt: float = 0.01
+    gravity: Vector = (0.0, 0.0, -9.81)
+    solver: SolverSettings = SolverSettings()
+    bodies: list[BodyDescription] = field(default_factory=list)
+    joints: list[JointDescription] = field(default_factory=list)
+    attachments: list[AttachmentDescription] = field(default_factory=list)
+    effector: str | None = None
+    poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    commands: CommandSettings = CommandSettings()
+    start: StartAnimation | None = None
+    keys: dict[str, KeyBinding] = field(default_factory=dict)
+    board: BoardDescription | None = None
+    controllers: list[Controller] = field(default_factory=list)
+
+    def add(self, item: Item | Iterable[Item]) -> None:
+        """Add a part, a body, a joint, an attachment, a controller, or several of them.
+
+        Raises:
+            SceneError: something else is given, or a second part brings an end effector.
+        """
+        if isinstance(item, BodyDescription):
+            self.bodies.append(item)
+        elif isinstance(item, JointDescription):
+            self.joints.append(item)
+        elif isinstance(item, AttachmentDescription):
+            self.attachments.append(item)
+        elif isinstance(item, Controller):
+            self.controllers.append(item)
+        elif isinstance(item, Part):
+            self._add_part(item)
+        elif isinstance(item, Iterable) and not isinstance(item, str | bytes):
+            for each in item:
+                self.add(each)
+        else:
+            raise SceneError(
+                f"scene {self.name}: cannot add {item!r}; add takes parts, bodies, joints, attachments and controllers"
+            )
+
+    def _add_part(self, part: Part) -> None:
+        if part.effector is not None and self.effector not in (None, part.effector):
+            raise SceneError(
+                f"scene {self.name}: already has the effector {self.effector}, cannot add {part.effector}"
+            )
+        self.bodies += part.bodies
+        self.joints += part.joints
+        self.attachments += part.attachments
+        self.controllers += part.controllers
+        self.effector = part.effector or self.effector
+
+    def on_step_begin(self, callback: StepCallback) -> StepCallback:
+        """Call `callback(simulation)` before every step; usable as a decorator."""
+        self.controllers.append(Controller(on_begin=callback))
+        return callback
+
+    def on_step_end(self, callback: StepCallback) -> StepCallback:
+        """Call `callback(simulation)` after every step; usable as a decorator."""
+        self.controllers.append(Controller(on_end=callback))
+        return callback
+
+    def on_key(self, callback: KeyCallback) -> KeyCallback:
+        """Call `callback(simulation, key)` for every pressed key; usable as a decorator."""
+        self.controllers.append(Controller(on_key=callback))
+        return callback
+
+    def animate(
+        self,
+        callback: Callable[[Simulation, float], None],
+        duration: float,
+        mode: Mode = "once",
+        delay: float = 0.0,
+    ) -> None:
+        """Call `callback(simulation, factor)` before steps, from simulated time `delay` on; see `animated`."""
+        self.controllers.append(animated(callback, duration, mode, delay))
+
+    def describe(self) -> SceneDescription:
+        """The scene as an immutable, validated description.
+
+        Raises:
+            SceneError: what was added does not fit together.
+        """
+        return SceneDescription(
+            name=self.name,
+            dt=self.dt,
+            gravity=self.gravity,
+            solver=self.solver,
+            bodies=tuple(self.bodies),
+            joints=tuple(self.joints),
+            attachments=tuple(self.attachments),
+            effector=self.effector,
+            poses={name: tuple(values) for name, values in self.poses.items()},
+            commands=self.commands,
+            start=self.start,
+            keys=dict(self.keys),
+            board=self.board,
+            controllers=tuple(self.controllers),
+        )
+
+
+def animated(
+    callback: Callable[[Simulation, float], None], duration: float, mode: Mode = "once", delay: float = 0.0
+) -> Controller:
+    """A controller that plays an animation in simulated time.
+
+    The factor is a function of the simulated time alone, so a reset or restored simulation plays it exactly again.
+
+    Args:
+        callback: Called with the simulation and the factor in 0..1 before each step while the animation runs.
+        duration: Seconds from factor 0 to 1, > 0.
+        mode: "once", "loop" or "pingpong", as in `Animation`.
+        delay: Simulated time of factor 0 in [s], >= 0.
+    """
+    factor_at(0.0, duration, mode)  # refuse a wrong duration or mode now
+
+    def begin(simulation: Simulation) -> None:
+        elapsed = simulation.time - delay
+        if elapsed > -0.5 * simulation.dt and not is_over(elapsed - simulation.dt, duration, mode):
+            callback(simulation, factor_at(elapsed, duration, mode))
+
+    return Controller(on_begin=begin)

@@ -1,0 +1,309 @@
+"""Plain data to typed descriptions and back: strict, and every refusal names its key path.
+
+cattrs does the dispatch over the dataclasses' types; it is imported on first use, so that the core works without it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import importlib
+import math
+import numbers
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from softsim_core.errors import ConfigError, SceneError, listing
+from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.description import Controller, FieldError, MeshFile, SceneDescription
+from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
+
+Hook = Callable[[Any, Any], Any]
+
+_NOT_IN_FILES = ("controllers", "source")
+
+
+class _Refused(Exception):
+    """A value that does not fit its key; `below` is the rest of the key path."""
+
+    def __init__(self, problem: str, below: KeyPath = ()) -> None:
+        self.problem, self.below = problem, below
+        super().__init__(problem)
+
+
+def structure_scene(data: SourcedMapping, file: str | Path) -> SceneDescription:
+    """A typed scene from the data of a file.
+
+    Args:
+        data: Mapping as read from YAML, or `unstructure_scene`'s.
+        file: Named in messages where a value does not know its own file.
+
+    Raises:
+        ConfigError: the first problem: file, key path, value and what is allowed.
+    """
+    try:
+        converter = _converter()
+    except ImportError as error:
+        problem = "loading scenes needs cattrs >= 23.2: pip install cattrs (or apt install python3-cattr)"
+        raise ConfigError(file, "", problem) from error
+    try:
+        scene = converter.structure(data, SceneDescription)
+    except Exception as error:
+        path, problem = _first_problem(error)
+        raise ConfigError(_file_of(data, path) or file, key_path(path), problem) from None
+    assert isinstance(scene, SceneDescription)
+    return scene
+
+
+def unstructure_scene(scene: SceneDescription, file: Path | None = None) -> SourcedMapping:
+    """A scene as plain data, in the form of the YAML files (without controllers and source).
+
+    Args:
+        scene: Any scene; meshes given as arrays stay arrays.
+        file: The file that relative paths are relative to.
+    """
+    data = _plain(scene, file)
+    assert isinstance(data, SourcedMapping)
+    for name in _NOT_IN_FILES:
+        data.pop(name)
+    return data
+
+
+def sourced(value: Any, file: Path | None) -> Any:
+    """Plain data with its mappings marked as coming from `file`."""
+    return _plain(value, file)
+
+
+def _plain(value: Any, file: Path | None) -> Any:
+    if isinstance(value, TetMesh | Controller):
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        return SourcedMapping(
+            {each.name: _plain(getattr(value, each.name), file) for each in fields(value)}, file
+        )
+    if isinstance(value, Mapping):
+        return SourcedMapping({key: _plain(item, file) for key, item in value.items()}, file)
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, file) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
+    cattrs = importlib.import_module("cattrs")
+    path: list[str | int] = []
+    last: str | int | None = None
+    while True:
+        if isinstance(error, cattrs.BaseValidationError):
+            error = error.exceptions[0]  # type: ignore[attr-defined]
+            for note in getattr(error, "__notes__", ()):
+                last = getattr(note, "name", getattr(note, "index", None))
+                if last is not None:
+                    path.append(last)
+            continue
+        break
+    if isinstance(error, _Refused):
+        return (*path, *error.below), error.problem
+    if isinstance(error, FieldError):
+        return (*path, error.field), f"must be {error.allowed}, not {error.value}"
+    if isinstance(error, KeyError) and error.args == (last,):
+        return tuple(path), "is missing; it has no default"
+    if isinstance(error, SceneError):
+        return tuple(path), str(error)
+    return tuple(path), f"{type(error).__name__}: {error}"
+
+
+def _file_of(data: SourcedMapping, path: KeyPath) -> Path | None:
+    file, node = data.file, typing.cast(Any, data)
+    for step in path:
+        if isinstance(node, SourcedMapping) and isinstance(step, str):
+            file = node.file_of(step)
+            node = node.get(step)
+        elif isinstance(node, list) and isinstance(step, int) and step < len(node):
+            node = node[step]
+        else:
+            break
+    return file
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "empty"
+    if isinstance(value, Mapping):
+        return "a mapping"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _number(value: Any, _: Any) -> float:
+    if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.nan
+        if not math.isnan(number):
+            return number
+    raise _Refused(f"must be a number, not {_shown(value)}{_number_hint(value)}")
+
+
+def _number_hint(value: Any) -> str:
+    if not isinstance(value, str):
+        return ""
+    try:
+        number = float(value)
+    except ValueError:
+        return ""
+    mantissa, _, exponent = repr(number).partition("e")
+    if exponent:  # YAML 1.1 wants a point and a signed exponent
+        mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+        exponent = f"e{exponent}" if exponent[0] in "+-" else f"e+{exponent}"
+    return f", which YAML reads as text; write {mantissa}{exponent}"
+
+
+def _integer(value: Any, _: Any) -> int:
+    if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
+        return int(value)
+    raise _Refused(f"must be a whole number, not {_shown(value)}")
+
+
+def _boolean(value: Any, _: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    raise _Refused(f"must be true or false, not {_shown(value)}")
+
+
+def _text(value: Any, _: Any) -> str:
+    if isinstance(value, str):
+        return value
+    raise _Refused(f"must be text, not {_shown(value)}" + ("" if value is None else "; quote it"))
+
+
+def _path(value: Any, _: Any) -> Path:
+    if isinstance(value, str | Path) and str(value):
+        return Path(value)
+    raise _Refused(f"must be a file path, not {_shown(value)}")
+
+
+def _instance(value: Any, cls: type) -> Any:
+    if isinstance(value, cls):
+        return value
+    raise _Refused(f"comes from Python scenes only, not {_shown(value)}")
+
+
+def _one_of(literal: Any) -> Hook:
+    allowed = typing.get_args(literal)
+
+    def structure(value: Any, _: Any) -> Any:
+        for each in allowed:
+            if type(value) is type(each) and value == each:
+                return each
+        raise _Refused(f"must be one of {listing(allowed)}, not {_shown(value)}")
+
+    return structure
+
+
+@functools.lru_cache(maxsize=1)
+def _converter() -> Any:
+    cattrs = importlib.import_module("cattrs")
+    gen = importlib.import_module("cattrs.gen")
+    converter = cattrs.Converter(detailed_validation=True)
+
+    def collected(pairs: list[tuple[str | int, Any, Any]], owner: Any) -> list[Any]:
+        results = []
+        for index, value, item_type in pairs:
+            try:
+                results.append(converter.structure(value, item_type))
+            except Exception as error:
+                note = cattrs.IterableValidationNote(f"item {index}", index, item_type)
+                error.__notes__ = [*getattr(error, "__notes__", []), note]  # type: ignore[attr-defined]
+                raise cattrs.IterableValidationError(f"item {index}", [error], owner) from None
+        return results
+
+    def tuple_hook(owner: Any) -> Hook:
+        args = typing.get_args(owner)
+        length = None if args[-1] is Ellipsis else len(args)
+
+        def structure(value: Any, _: Any) -> tuple[Any, ...]:
+            if not isinstance(value, list | tuple) or length not in (None, len(value)):
+                kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
+                raise _Refused(f"must be {kind}, not {_shown(value)}")
+            items = [args[0]] * len(value) if length is None else args
+            return tuple(
+                collected([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
+            )
+
+        return structure
+
+    def dict_hook(owner: Any) -> Hook:
+        item_type = typing.get_args(owner)[1]
+
+        def structure(value: Any, _: Any) -> dict[str, Any]:
+            if not isinstance(value, Mapping):
+                raise _Refused(f"must be a mapping of `name: value`, not {_shown(value)}")
+            items = collected([(key, item, item_type) for key, item in value.items()], owner)
+            return dict(zip(value, items, strict=True))
+
+        return structure
+
+    def dataclass_hook(cls: Any) -> Hook:
+        known = [
+            each.name for each in fields(cls) if cls is not SceneDescription or each.name not in _NOT_IN_FILES
+        ]
+        build = gen.make_dict_structure_fn(cls, converter)
+
+        def structure(value: Any, _: Any) -> Any:
+            if not isinstance(value, Mapping):
+                raise _Refused(f"must be a mapping with keys among {listing(known)}, not {_shown(value)}")
+            for key in value:
+                if key not in known:
+                    near = difflib.get_close_matches(str(key), known, n=1)
+                    hint = f"did you mean {near[0]}? " if near else ""
+                    raise _Refused(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
+            return _located(build(value, cls), value) if cls is MeshFile else build(value, cls)
+
+        return structure
+
+    for cls, hook in ((float, _number), (int, _integer), (bool, _boolean), (str, _text), (Path, _path)):
+        converter.register_structure_hook(cls, hook)
+    converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
+    for cls in (TetMesh, Controller):
+        converter.register_structure_hook(cls, _instance)
+    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is tuple, tuple_hook)
+    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is dict, dict_hook)
+    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is Literal, _one_of)
+
+    def mesh_or_file(value: Any, _: Any) -> Any:
+        return value if isinstance(value, TetMesh) else converter.structure(value, MeshFile)
+
+    converter.register_structure_hook_func(lambda t: _members(t) == {MeshFile, TetMesh}, mesh_or_file)
+    return converter
+
+
+def _members(union: Any) -> set[Any]:
+    return (
+        set(typing.get_args(union)) if typing.get_origin(union) in (typing.Union, types.UnionType) else set()
+    )
+
+
+def _noun(item_type: Any) -> str:
+    return "numbers" if item_type in (float, int) else "items"
+
+
+def _located(mesh: MeshFile, data: Mapping[str, Any]) -> MeshFile:
+    origin = data.file_of("file") if isinstance(data, SourcedMapping) else None
+    file = relative_to_file(mesh.file, origin)
+    if not file.is_file():
+        note = (
+            ""
+            if mesh.file.is_absolute()
+            else f" ({mesh.file} is relative to {origin or 'the working directory'})"
+        )
+        raise _Refused(f"no such mesh file {file}{note}", ("file",))
+    return MeshFile(file=file, placement=mesh.placement)

@@ -1,0 +1,220 @@
+"""YAML text to plain data: safe, duplicate keys refused, every mapping remembers the file that wrote each key."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from softsim_core.errors import ConfigError, listing
+
+KeyPath: TypeAlias = tuple[str | int, ...]
+"""Steps from the top of a file to a value: ("bodies", 0, "material")."""
+
+
+class SourcedMapping(dict[str, Any]):
+    """A mapping read from a file; `file_of(key)` names the file, None for values that come from no file."""
+
+    def __init__(self, items: Mapping[str, Any], file: Path | None) -> None:
+        super().__init__(items)
+        self.file = file
+        self._files: dict[str, Path | None] = {}
+
+    def file_of(self, key: str) -> Path | None:
+        """The file that wrote this key."""
+        return self._files.get(key, self.file)
+
+    def put(self, key: str, value: Any, file: Path | None) -> None:
+        """Set a value that another file wrote."""
+        self[key] = value
+        self._files[key] = file
+
+
+def key_path(path: Iterable[str | int]) -> str:
+    """Key path as people write it: ("bodies", 0, "name") is bodies[0].name."""
+    text = ""
+    for step in path:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def read_yaml(file: Path) -> SourcedMapping:
+    """The mapping a YAML file holds; anchors, aliases and merge keys (<<) are resolved.
+
+    Raises:
+        ConfigError: unreadable file, YAML syntax, a key given twice, a key that is not text, no mapping at the top.
+    """
+    yaml = _pyyaml(file)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
+    try:
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        if node is None or not isinstance(node, yaml.MappingNode):
+            raise ConfigError(file, "", "must hold `key: value` lines at the top level")
+        data = _Reader(yaml, loader, file).value(node, ())
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "is not valid YAML"
+        raise ConfigError(file, where, f"YAML syntax: {problem}") from error
+    assert isinstance(data, SourcedMapping)
+    return data
+
+
+class _Reader:
+    """Turns PyYAML's node graph into data; shared nodes (aliases) stay shared."""
+
+    def __init__(self, yaml: Any, loader: Any, file: Path) -> None:
+        self._yaml, self._loader, self._file = yaml, loader, file
+        self._done: dict[int, Any] = {}
+        self._open: set[int] = set()
+
+    def value(self, node: Any, path: KeyPath) -> Any:
+        if id(node) in self._done:
+            return self._done[id(node)]
+        if id(node) in self._open:
+            raise ConfigError(self._file, key_path(path), "an alias points to something that contains it")
+        self._open.add(id(node))
+        if isinstance(node, self._yaml.MappingNode):
+            data: Any = self._mapping(node, path)
+        elif isinstance(node, self._yaml.SequenceNode):
+            data = [self.value(item, (*path, index)) for index, item in enumerate(node.value)]
+        else:
+            data = self._scalar(node, path)
+        self._open.discard(id(node))
+        self._done[id(node)] = data
+        return data
+
+    def _scalar(self, node: Any, path: KeyPath) -> Any:
+        try:
+            return self._loader.construct_object(node)
+        except ValueError as error:  # 2026-13-45 looks like a date to YAML
+            raise ConfigError(
+                self._file, key_path(path), f"{node.value!r} cannot be read ({error}); quote text"
+            ) from error
+
+    def _mapping(self, node: Any, path: KeyPath) -> SourcedMapping:
+        merged, own = SourcedMapping({}, self._file), SourcedMapping({}, self._file)
+        for key_node, value_node in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                for source in self._merge_sources(value_node, path):
+                    merged = SourcedMapping({**source, **merged}, self._file)  # the first of a list wins
+                continue
+            key = self.value(key_node, path) if isinstance(key_node, self._yaml.ScalarNode) else None
+            line = key_node.start_mark.line + 1
+            if not isinstance(key, str):
+                text = getattr(key_node, "value", "it")
+                raise ConfigError(
+                    self._file,
+                    key_path(path),
+                    f"line {line}: the key {text!r} is read as {key!r}, not as text; quote it",
+                )
+            if key in own:
+                raise ConfigError(
+                    self._file, key_path((*path, key)), f"given twice (again in line {line}); keep one"
+                )
+            own[key] = self.value(value_node, (*path, key))
+        return SourcedMapping({**merged, **own}, self._file)
+
+    def _merge_sources(self, node: Any, path: KeyPath) -> list[SourcedMapping]:
+        value = self.value(node, (*path, "<<"))
+        sources = value if isinstance(value, list) else [value]
+        for source in sources:
+            if not isinstance(source, SourcedMapping):
+                raise ConfigError(
+                    self._file, key_path((*path, "<<")), "must be a mapping or a list of mappings"
+                )
+        return sources
+
+
+def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> SourcedMapping:
+    """`over` laid over `base`: mappings merge, lists of named items merge by `name`, everything else is replaced.
+
+    Raises:
+        ConfigError: a list that is merged by name names an item twice.
+    """
+    result = SourcedMapping({}, base.file)
+    for key in dict.fromkeys((*base, *over)):
+        if key not in over:
+            result.put(key, base[key], base.file_of(key))
+        elif key not in base:
+            result.put(key, over[key], over.file_of(key))
+        else:
+            result.put(
+                key, _merge_values(base[key], over[key], (*path, key), over.file_of(key)), over.file_of(key)
+            )
+    return result
+
+
+def _merge_values(base: Any, over: Any, path: KeyPath, file: Path | None) -> Any:
+    if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
+        return merge(base, over, path)
+    if _is_named_list(base) and _is_named_list(over):
+        items: dict[str, Any] = {item["name"]: item for item in base}
+        names = [item["name"] for item in over]
+        for index, item in enumerate(over):
+            if names.index(item["name"]) != index:
+                raise ConfigError(
+                    file or "overrides", key_path((*path, index)), f"a second item is named {item['name']}"
+                )
+            known = items.get(item["name"])
+            items[item["name"]] = item if known is None else merge(known, item, (*path, index))
+        return list(items.values())
+    return over
+
+
+def _is_named_list(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(item, SourcedMapping) and isinstance(item.get("name"), str) for item in value)
+    )
+
+
+def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
+    """A YAML file merged over the file its key `extends` names (relative to it), and so on.
+
+    Raises:
+        ConfigError: as `read_yaml`; a missing base file; files that extend each other in a circle.
+    """
+    data = read_yaml(file)
+    if "extends" not in data:
+        return data
+    target = data.pop("extends")
+    if not isinstance(target, str):
+        raise ConfigError(file, "extends", f"must name a YAML file, not {target!r}")
+    base = relative_to_file(target, file)
+    chain = (*below, file)
+    if base.resolve() in {each.resolve() for each in chain}:
+        raise ConfigError(file, "extends", f"files extend each other in a circle: {listing([*chain, base])}")
+    if not base.is_file():
+        raise ConfigError(
+            file, "extends", f"no such file {base}; a relative path is relative to the file that names it"
+        )
+    return merge(read_extended(base, chain), data)
+
+
+def relative_to_file(path: str | Path, file: Path | None) -> Path:
+    """Absolute path of something a file names relative to itself (None: relative to the working directory)."""
+    path = Path(path).expanduser()
+    if path.is_absolute():
+        return path
+    if file is None:
+        return path.absolute()
+    direct = file.parent / path
+    through_links = file.resolve().parent / path
+    return (through_links if through_links.exists() and not direct.exists() else direct).resolve()
+
+
+def _pyyaml(file: Path) -> Any:
+    try:
+        return importlib.import_module("yaml")
+    except ImportError as error:
+        problem = "reading YAML needs PyYAML: pip install pyyaml (or apt install python3-yaml)"
+        raise ConfigError(file, "", problem) from error
