@@ -1,0 +1,94 @@
+"""Surfaces: the boundary of tetrahedra, normals, closedness, Euler number, volume."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MeshError
+from softsim_core.mesh.types import SurfaceMesh, TetMesh
+
+_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+"""Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
+
+
+def boundary(mesh: TetMesh) -> IndexArray:
+    """Faces that belong to one tetrahedron only.
+
+    Args:
+        mesh: Tetrahedra of either orientation.
+
+    Returns:
+        Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in the order of their tetrahedra.
+
+    Raises:
+        MeshError: a face is shared by more than two tetrahedra.
+    """
+    corners = mesh.points[mesh.tets]
+    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    faces = mesh.tets[:, _FACES]
+    faces[inverted] = faces[inverted][:, :, ::-1]
+    faces = faces.reshape(-1, 3)
+    _, inverse, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
+    if len(counts) and counts.max() > 2:
+        face = int(np.flatnonzero(counts[inverse.reshape(-1)] > 2)[0])
+        raise MeshError(
+            mesh.name,
+            f"face {faces[face].tolist()} belongs to {counts.max()} tetrahedra, at most 2 can share one; "
+            "remove overlapping or duplicate elements",
+        )
+    return np.ascontiguousarray(faces[counts[inverse.reshape(-1)] == 1], dtype=np.int64)
+
+
+def boundary_surface(mesh: TetMesh) -> SurfaceMesh:
+    """The boundary as a surface of its own, with only the points it uses, in the order of the mesh's nodes."""
+    triangles = boundary(mesh)
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(mesh.points[used], renumbered.reshape(-1, 3).astype(np.int64), mesh.name)
+
+
+def triangle_normals(points: Array, triangles: IndexArray) -> Array:
+    """Area vectors of triangles in [m^2] (normal times area), shape (k, 3), from points (n, 3) and indices (k, 3)."""
+    corners = points[triangles]
+    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def vertex_normals(points: Array, triangles: IndexArray) -> Array:
+    """Unit normals at vertices: the area-weighted mean of the adjacent triangles' normals.
+
+    Args:
+        points: Vertex positions in [m], shape (n, 3).
+        triangles: Vertex indices, shape (k, 3).
+
+    Returns:
+        Unit vectors, shape (n, 3); zero at vertices without a triangle.
+    """
+    area_vectors = np.repeat(triangle_normals(points, triangles), 3, axis=0)
+    sums = np.column_stack(
+        [
+            np.bincount(triangles.reshape(-1), area_vectors[:, axis], minlength=len(points))
+            for axis in range(3)
+        ]
+    )
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+
+
+def is_closed(triangles: IndexArray) -> bool:
+    """Whether every directed edge is met exactly once in each direction: closed and wound consistently."""
+    start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    forward = np.column_stack([start, end])
+    unique, counts = np.unique(forward, axis=0, return_counts=True)
+    return bool((counts == 1).all() and np.array_equal(unique, np.unique(forward[:, ::-1], axis=0)))
+
+
+def euler_number(triangles: IndexArray) -> int:
+    """Vertices minus edges plus faces; 2 for a ball, 0 for a piece with one hole."""
+    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    return len(np.unique(triangles)) - len(edges) + len(triangles)
+
+
+def enclosed_volume(points: Array, triangles: IndexArray) -> float:
+    """Volume in [m^3] inside a closed outward surface (divergence theorem); meaningless for an open one."""
+    corners = points[triangles] - points.mean(axis=0)
+    return float(np.linalg.det(corners).sum() / 6.0)
