@@ -1,0 +1,17 @@
+"""Errors of the serial board; each is one sentence that says what to do."""
+
+from __future__ import annotations
+
+from softsim_core.errors import SoftSimError
+
+
+class PacketError(SoftSimError, ValueError):
+    """Bytes are not a packet of the board's protocol."""
+
+
+class PortError(SoftSimError, OSError):
+    """A serial port cannot be found, opened or used; carries the port's name (empty when none was found)."""
+
+    def __init__(self, port: str, sentence: str) -> None:
+        self.port = port
+        super().__init__(sentence)

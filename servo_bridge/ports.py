@@ -1,0 +1,73 @@
+"""Which serial port the board is on: by name, by its stable link, or by what its USB chip says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+from serial.tools import list_ports
+
+from servo_bridge.errors import PortError
+
+BY_ID = Path("/dev/serial/by-id")
+"""Links that keep their name when the port's number changes."""
+
+BOARD_USB_IDS = {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
+"""Vendor and product of genuine Uno boards."""
+
+CLONE_USB_IDS = {(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)}
+"""USB-serial chips (CH340, FT232, CP210x) of cheap boards and of any other gadget: never chosen unasked."""
+
+NAME_IT = "name it with the parameter port (port:=/dev/...)"
+
+
+class PortInfo(Protocol):
+    """The part of pyserial's ListPortInfo used here."""
+
+    device: str
+    vid: int | None
+    pid: int | None
+    manufacturer: str | None
+    description: str
+
+
+def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id: Path = BY_ID) -> str:
+    """The board's port: `port` itself when given, else the one board that is plugged in.
+
+    Args:
+        port: Name from the user; empty to search.
+        ports: Serial ports of this machine; None asks the system.
+        by_id: Folder of stable links.
+
+    Returns:
+        The name to open; a link of /dev/serial/by-id where there is one.
+
+    Raises:
+        PortError: no board, or more than one; the sentence lists what was seen.
+    """
+    if port:
+        return port
+    seen: list[PortInfo] = sorted(
+        list_ports.comports() if ports is None else ports, key=lambda info: info.device
+    )
+    boards = {Path(info.device).resolve(): info.device for info in seen if _is_board(info)}
+    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    for link in links:
+        if "arduino" in link.name.lower() or link.resolve() in boards:
+            boards[link.resolve()] = str(link)
+    if len(boards) == 1:
+        return next(iter(boards.values()))
+    if boards:
+        raise PortError("", f"several boards found ({', '.join(sorted(boards.values()))}); {NAME_IT}")
+    clones = [f"{info.device} ({info.description})" for info in seen if (info.vid, info.pid) in CLONE_USB_IDS]
+    if clones:
+        raise PortError(
+            "", f"no certain board found; {', '.join(clones)} may be one or any other gadget: {NAME_IT}"
+        )
+    others = ", ".join(info.device for info in seen) or "none"
+    raise PortError("", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_IT}")
+
+
+def _is_board(info: PortInfo) -> bool:
+    return (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()

@@ -1,0 +1,165 @@
+"""What the servos may be told, and when: limits, ramps, hold, rest and the software e-stop. Pure, no clock.
+
+All times are seconds of one steady clock that the caller reads; angles are radians, in packet order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from servo_bridge.codec import byte_to_angle
+from softsim_core.actuation.limits import JointLimits, check_command
+from softsim_core.errors import SceneError
+from softsim_core.scene.description import ServoCalibration
+
+MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
+
+SERVO_SPEED = math.radians(200.0)
+"""Top speed in [rad/s] of a servo whose joint sets none: what a small hobby servo follows under load."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionSettings:
+    """Timing of the motion.
+
+    Attributes:
+        hold_timeout_s: Without a command for this long the servos stop where they are, in [s].
+        rest_timeout_s: Without a command for this long they go slowly to the rest pose, in [s].
+        rest_speed: Speed of that slow move in [rad/s]; a joint's own limit holds as well.
+        longest_step_s: A step never moves further than this much time allows, in [s]: no catching up.
+    """
+
+    hold_timeout_s: float = 0.5
+    rest_timeout_s: float = 2.0
+    rest_speed: float = 0.5
+    longest_step_s: float = 0.04
+
+
+def servo_limits(servo: ServoCalibration, limits: JointLimits) -> JointLimits:
+    """The joint's limits, narrowed to the angles that the servo's bytes can express; the speed is finite.
+
+    Raises:
+        SceneError: nothing is left, or the rest byte's angle lies outside.
+    """
+    ends = sorted(byte_to_angle(value, servo) for value in (servo.byte_min, servo.byte_max))
+    lower, upper = max(limits.lower, ends[0]), min(limits.upper, ends[1])
+    rest = byte_to_angle(servo.rest_byte, servo)
+    if not lower <= rest <= upper:
+        raise SceneError(
+            f"servo {servo.joint}: rest_byte {servo.rest_byte} is {rest:.4f} rad, outside what limits"
+            f" and byte range allow, [{lower:.4f}, {upper:.4f}] rad; change rest_byte or the limits"
+        )
+    return JointLimits(lower, upper, SERVO_SPEED if math.isinf(limits.speed) else limits.speed)
+
+
+class ServoMotion:
+    """Positions of the servos over time: from the last known pose, within limits, to the newest command.
+
+    Modes: "track" follows a fresh command; "hold" stays; "rest" goes slowly to the rest pose and stays there;
+    "e_stop" stays until `clear_e_stop`, whatever is commanded.
+
+    Args:
+        names: Joint names, for messages.
+        limits: Limits of each servo; see `servo_limits`.
+        rest: Rest angle of each servo in [rad], within the limits; also the first pose.
+        settings: Timing; may be replaced at any time.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        limits: Sequence[JointLimits],
+        rest: Sequence[float],
+        settings: MotionSettings | None = None,
+    ) -> None:
+        self.names, self.limits, self.rest = tuple(names), tuple(limits), tuple(rest)
+        self.settings = settings or MotionSettings()
+        self.positions: tuple[float, ...] = self.rest
+        self.clipped = 0
+        self._target: tuple[float, ...] | None = None
+        self._command_time: float | None = None
+        self._since = 0.0  # start of the present silence: last command, start, or clearing of the e-stop
+        self._last_step = 0.0
+        self._mode: MotionMode = "rest"
+        self._stopped = False
+
+    @property
+    def mode(self) -> MotionMode:
+        """What the last step did."""
+        return "e_stop" if self._stopped else self._mode
+
+    @property
+    def e_stopped(self) -> bool:
+        """Whether the software e-stop is latched."""
+        return self._stopped
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether every servo is exactly at its rest angle."""
+        return self.positions == self.rest
+
+    def command_age(self, now: float) -> float | None:
+        """Time in [s] since the newest accepted command; None before the first."""
+        return None if self._command_time is None else now - self._command_time
+
+    def start(self, now: float) -> None:
+        """Begin to move from the last known pose; commands given before do not count."""
+        self._target, self._command_time = None, None
+        self._since = self._last_step = now
+        self._mode = "hold"
+
+    def command(self, angles_rad: Sequence[float], now: float) -> None:
+        """Take a new target; only the newest counts. It is clamped to the limits.
+
+        Raises:
+            CommandError: wrong length, or a value that is not finite; the former target stays.
+        """
+        values = check_command(angles_rad, self.names)
+        target = tuple(limits.clamp(value) for limits, value in zip(self.limits, values, strict=True))
+        self.clipped += target != tuple(values)
+        self._target = target
+        self._command_time = self._since = now
+
+    def e_stop(self) -> None:
+        """Latch the software e-stop: every servo stays where it was last sent."""
+        self._stopped = True
+
+    def clear_e_stop(self, now: float) -> None:
+        """Release the e-stop; the servos stay until a command newer than this (or the rest timeout)."""
+        if self._stopped:
+            self._stopped = False
+            self.start(now)
+
+    def step(self, now: float) -> tuple[float, ...]:
+        """Positions in [rad] to send at `now`; no servo moves faster than its limit since the last step."""
+        settings, silence = self.settings, now - self._since
+        if self._stopped:
+            self._last_step = now
+            return self.positions
+        if self._target is not None and silence <= settings.hold_timeout_s:
+            self._mode = "track"
+            return self._move(self._target, math.inf, now)
+        if silence <= max(settings.rest_timeout_s, settings.hold_timeout_s):
+            self._mode = "hold"
+            return self._move(self.positions, math.inf, now)
+        self._mode = "rest"
+        return self._move(self.rest, settings.rest_speed, now)
+
+    def step_to_rest(self, now: float) -> tuple[float, ...]:
+        """As `step`, but towards the rest pose at the limits' speed, as on the way out; an e-stop holds."""
+        if self._stopped:
+            return self.step(now)
+        self._mode, self._target = "rest", None
+        return self._move(self.rest, math.inf, now)
+
+    def _move(self, target: Sequence[float], top_speed: float, now: float) -> tuple[float, ...]:
+        dt = min(max(now - self._last_step, 0.0), self.settings.longest_step_s)
+        self._last_step = now
+        self.positions = tuple(
+            JointLimits(limits.lower, limits.upper, min(limits.speed, top_speed)).towards(position, goal, dt)
+            for limits, position, goal in zip(self.limits, self.positions, target, strict=True)
+        )
+        return self.positions

@@ -1,0 +1,133 @@
+"""The serial port, opened for one user only, with errors that say what to do."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from types import TracebackType
+
+import serial
+
+from servo_bridge.errors import PortError
+
+READ_TIMEOUT_S = 0.05
+WRITE_TIMEOUT_S = 0.2
+
+
+class SerialTransport:
+    """An open serial port: whole packets out, anything that comes in is read and dropped.
+
+    The modem lines are left alone: opening a port resets most boards whatever is asked of them, and a
+    pseudo-terminal has none.
+
+    Args:
+        port: Name of the device, for example /dev/ttyACM0.
+        baud_rate: Bits a second.
+
+    Raises:
+        PortError: the port cannot be opened; the sentence says why and what to do.
+    """
+
+    def __init__(self, port: str, baud_rate: int = 115200) -> None:
+        self.port = port
+        try:
+            self._serial = serial.Serial(
+                port, baud_rate, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S, exclusive=True
+            )
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise PortError(port, opening_sentence(port, error)) from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port has not been closed yet."""
+        return bool(self._serial.is_open)
+
+    def write(self, packet: bytes) -> None:
+        """Send one packet in one write.
+
+        Raises:
+            PortError: the port vanished, was closed, or takes no data for 0.2 s.
+        """
+        try:
+            self._serial.write(packet)
+        except serial.SerialTimeoutException as error:
+            raise PortError(
+                self.port,
+                f"the board on {self.port} took no data for {WRITE_TIMEOUT_S} s; unplug it and plug it in",
+            ) from error
+        except (OSError, TypeError) as error:  # pyserial: TypeError where another thread closed the port
+            raise PortError(self.port, self._vanished()) from error
+
+    def discard_input(self) -> int:
+        """Read and drop what came in, without waiting.
+
+        Returns:
+            Number of bytes dropped.
+
+        Raises:
+            PortError: the port vanished.
+        """
+        try:
+            waiting = self._serial.in_waiting
+            return len(self._serial.read(waiting)) if waiting else 0
+        except (OSError, TypeError) as error:
+            raise PortError(self.port, self._vanished()) from error
+
+    def close(self) -> None:
+        """Close the port; a second call, or one on a vanished port, does nothing."""
+        try:
+            self._serial.close()
+        except OSError:  # a vanished device may refuse even this; its descriptor is gone all the same
+            self._serial.is_open = False
+
+    def __enter__(self) -> SerialTransport:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _vanished(self) -> str:
+        return f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
+
+
+def opening_sentence(port: str, error: BaseException) -> str:
+    """Why a port cannot be opened, and what to do, in one sentence."""
+    code = _error_number(error)
+    if code in (errno.EACCES, errno.EPERM):
+        return (
+            f"no permission to open {port}; run: sudo usermod -aG dialout $USER, then log out and in"
+            " (in a container: --device and --group-add dialout)"
+        )
+    if code in (errno.EAGAIN, errno.EBUSY):
+        return (
+            f"port {port} is in use by another program (another bridge, a serial monitor, an upload);"
+            " stop that program first"
+        )
+    if code in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        if port and not os.path.lexists(port):
+            advice = (
+                "plug the board in, or give another name with the parameter port (ls -l /dev/serial/by-id)"
+            )
+            if Path(port).name.startswith("ttyUSB"):
+                advice += "; if it vanishes right after plugging in on Ubuntu, remove the package brltty"
+            return f"port {port} does not exist; {advice}"
+        return f"port {port} has no device behind it; plug the board in"
+    if code in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        return f"{port} is not a serial port; give the board's with the parameter port, e.g. /dev/ttyACM0"
+    if code == errno.EIO:
+        return f"port {port} does not answer (input/output error); unplug the board and plug it in again"
+    return f"port {port} cannot be opened: {error}"
+
+
+def _error_number(error: BaseException | None) -> int | None:
+    """Error number of an exception or of the one it came from (pyserial drops it in some places)."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno is not None:
+            return error.errno
+        if type(error).__module__ == "termios" and error.args and isinstance(error.args[0], int):
+            return error.args[0]
+        error = error.__context__
+    return None
