@@ -1,4 +1,4 @@
-"""Animations: a callback with a factor 0..1 over a duration of simulated time; once, in a loop, or back and forth."""
+"""Animations: a callback with a factor 0..1 over simulated time; once, in a loop, or back and forth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softsim_core.errors import SceneError, SnapshotError, SoftSimError, listing
 Mode: TypeAlias = Literal["once", "loop", "pingpong"]
 
 _DIGITS = 9
-"""Phases are rounded to this many decimals: steps of dt then hit 0.05, 0.5, 1 exactly, whatever the sum of dt drifts."""
+"""Phases are rounded to this many decimals: steps of dt then hit 0.05, 0.5, 1 exactly, without drift."""
 
 
 def _phase(elapsed: float, duration: float) -> float:
@@ -32,8 +32,8 @@ def factor_at(elapsed: float, duration: float, mode: Mode = "once") -> float:
     Args:
         elapsed: Time since factor 0 in [s]; negative counts as 0.
         duration: Seconds from factor 0 to factor 1, > 0.
-        mode: "once": rises to 1 and stays. "loop": rises again and again; each round ends with 1, and the step after
-            it goes on from 0. "pingpong": rises to 1, falls to 0, rises again.
+        mode: "once": rises to 1 and stays. "loop": rises again and again; a round ends with 1, and the step
+            after that goes on from 0. "pingpong": rises to 1, falls to 0, rises again.
 
     Returns:
         Factor in 0..1, without drift: after n steps of dt it is the nearest float to its decimal value.
@@ -60,7 +60,7 @@ class Animation:
     """A callback driven with a factor over a duration.
 
     Attributes:
-        callback: Called with the factor in 0..1, once a step, first with 0, and in mode "once" last with exactly 1.
+        callback: Called with the factor in 0..1, once a step: first with 0, in mode "once" last with 1.
         duration: Seconds from factor 0 to factor 1, > 0.
         mode: "once", "loop" or "pingpong"; see `factor_at`.
         delay: Seconds between play and the first call, >= 0.
@@ -93,7 +93,7 @@ class AnimationPlayer:
     """Plays animations in simulated time; call `begin_step` before every step.
 
     Args:
-        animations: Known animations; they are referred to by their index, and the state refers to them by it too.
+        animations: Known animations; calls and the state refer to them by their index.
     """
 
     def __init__(self, animations: Sequence[Animation] = ()) -> None:
@@ -126,7 +126,7 @@ class AnimationPlayer:
 
     @property
     def playing(self) -> tuple[int, ...]:
-        """Indices of the animations that are playing or waiting for their delay, in the order they were started."""
+        """Indices of the animations that play or wait for their delay, in the order they were started."""
         return tuple(self._playing)
 
     def begin_step(self, time: float) -> None:

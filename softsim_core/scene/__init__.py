@@ -31,8 +31,8 @@ def load_scene(
 
     Args:
         name_or_path: A name ("tripod", "tripod_step_3", "parts/servo") or a path.
-        overrides: Values laid over the file's before validation: {"solver": {"backend": "scipy"}}; mappings merge,
-            lists of named items merge by `name`, everything else is replaced.
+        overrides: Values laid over the file's before validation, such as {"solver": {"backend": "scipy"}}:
+            mappings merge, lists of named items merge by `name`, everything else is replaced.
         kind: Look a name up among "robots" or "scenes" only.
 
     Returns:

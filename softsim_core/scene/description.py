@@ -1,6 +1,6 @@
 """What a scene is: typed, immutable, SI. YAML files and Python scenes both end here; the builder starts here.
 
-Angles of placements are in degrees in fields named `*_deg` (people write them); everything else is SI and radians.
+Angles of placements are in degrees in fields named `*_deg` (people write them); the rest is SI and radians.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"
 
 
 class FieldError(SceneError):
-    """One field of a description is out of range; carries the field's name, so that loaders can name the key."""
+    """A field of a description is out of range; carries the field's name, for loaders to name the key."""
 
     def __init__(self, owner: str, field: str, value: object, allowed: str) -> None:
         self.field, self.value, self.allowed = field, value, allowed
@@ -155,9 +155,9 @@ class JointDescription:
         limits: Position interval and top speed.
         rest: Position at which the scene is built, in [rad] or [m].
         stiffness: None: the joint is exactly where it is commanded (a prescribed unknown; its reaction is the
-            holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it to the command.
+            holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it there.
         inertia: Generalised inertia in [kg m^2] or [kg] of a joint with stiffness.
-        slide_axis: Direction in the base frame along which the start animation shifts the base, in simulation only.
+        slide_axis: Direction in the base frame in which the start animation shifts the base, in simulation only.
         horn_length: Length in [m] of the servo arm, for pictures only.
     """
 
@@ -219,7 +219,7 @@ class SolverSettings:
     """Numerics: rotation law of the elements, implementation of the step, Rayleigh damping.
 
     Attributes:
-        rotation: "polar" (default, symmetric, survives inversion) or "qr" (parity with the reference simulator).
+        rotation: "polar" (symmetric, survives inversion) or "qr" (parity with the reference simulator).
         backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
@@ -275,7 +275,7 @@ class StartAnimation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyBinding:
-    """What a teleop key does: move joints `by` [rad] or [m] from where they are, go to a `pose`, or an `action`."""
+    """What a teleop key does: move joints `by` [rad] or [m], go to a `pose`, or an `action`."""
 
     help: str
     joints: tuple[str, ...] = ()
@@ -291,7 +291,7 @@ class KeyBinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoCalibration:
-    """From a joint angle to the degree byte of a hobby servo: floor(sign * degrees + trim_deg) + zero_byte, clipped.
+    """From joint angle to a hobby servo's degree byte: floor(sign * degrees + trim_deg) + zero_byte, clipped.
 
     Attributes:
         joint: Name of the joint.

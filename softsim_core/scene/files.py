@@ -19,8 +19,9 @@ SUFFIXES = (".yaml", ".yml", ".py")
 def config_roots() -> list[Path]:
     """Existing `configs` folders, best first.
 
-    The entries of $SOFTSIM_CONFIG_PATH; `configs/` beside the package (a checkout, also through symlinked packages);
-    `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH; `<sys.prefix>/share/softsim/configs`.
+    The entries of $SOFTSIM_CONFIG_PATH; `configs/` beside the package (a checkout, also through symlinked
+    packages); `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH;
+    `<sys.prefix>/share/softsim/configs`.
     """
     checkout = Path(__file__).resolve().parents[2] / "configs"
     candidates = [*_paths_of("SOFTSIM_CONFIG_PATH")]
@@ -69,7 +70,7 @@ def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) 
     """The file of a robot or scene.
 
     Args:
-        name_or_path: A path to a .yaml, .yml or .py file, or a name: "tripod", "tripod_step_3", "parts/servo".
+        name_or_path: A path to a .yaml, .yml or .py file, or a name ("tripod", "parts/servo").
         kind: Where a name is looked up; None: robots, then scenes.
 
     Returns:

@@ -23,8 +23,8 @@ def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) ->
     """The scene that a Python file builds.
 
     Args:
-        file: A file that defines `create_scene(scene)`; it gets a `Scene` and adds to it. It may import modules that
-            lie beside it. Relative mesh paths are relative to the file.
+        file: A file that defines `create_scene(scene)`; it gets a `Scene` to add to. It may import modules
+            that lie beside it. Relative mesh paths are relative to the file.
         overrides: Laid over the result by the rules of `load_yaml`, before validation.
 
     Returns:
@@ -48,7 +48,7 @@ def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) ->
     except (TypeError, ValueError, AttributeError) as error:
         raise ConfigError(path, "", f"the scene holds a value of a wrong type ({error})") from error
     if overrides:
-        data = merge(data, sourced(overrides, None))
+        data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
     return replace(structure_scene(data, path), source=path, controllers=draft.controllers)
 
 
@@ -61,7 +61,7 @@ def _module(path: Path) -> ModuleType:
     module = ModuleType(f"softsim_scene_{path.stem}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module  # dataclasses and pickle look their module up
-    exec(compile(source, str(path), "exec"), module.__dict__)  # noqa: S102  a scene file is a program
+    exec(compile(source, str(path), "exec"), module.__dict__)  # a scene file is a program
     return module
 
 

@@ -32,7 +32,7 @@ Item: TypeAlias = "BodyDescription | JointDescription | AttachmentDescription | 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What a part adds to a scene: bodies, joints, attachments, controllers, and possibly the end effector."""
+    """What a part adds to a scene: bodies, joints, attachments, controllers, possibly the end effector."""
 
     bodies: tuple[BodyDescription, ...] = ()
     joints: tuple[JointDescription, ...] = ()
@@ -43,7 +43,7 @@ class Part:
 
 @dataclass(slots=True, kw_only=True)
 class Scene:
-    """A mutable scene: set its fields, `add` parts, hook controllers in; `describe` gives the validated description.
+    """A mutable scene: set its fields, `add` parts, hook controllers in, `describe` it.
 
     Attributes: as in SceneDescription; lists instead of tuples.
     """
@@ -51,13 +51,13 @@ class Scene:
     name: str = "scene"
     dt: float = 0.01
     gravity: Vector = (0.0, 0.0, -9.81)
-    solver: SolverSettings = SolverSettings()
+    solver: SolverSettings = field(default_factory=SolverSettings)
     bodies: list[BodyDescription] = field(default_factory=list)
     joints: list[JointDescription] = field(default_factory=list)
     attachments: list[AttachmentDescription] = field(default_factory=list)
     effector: str | None = None
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    commands: CommandSettings = CommandSettings()
+    commands: CommandSettings = field(default_factory=CommandSettings)
     start: StartAnimation | None = None
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
@@ -84,7 +84,7 @@ class Scene:
                 self.add(each)
         else:
             raise SceneError(
-                f"scene {self.name}: cannot add {item!r}; add takes parts, bodies, joints, attachments and controllers"
+                f"scene {self.name}: cannot add {item!r}; parts, bodies, joints, attachments, controllers fit"
             )
 
     def _add_part(self, part: Part) -> None:
@@ -120,7 +120,7 @@ class Scene:
         mode: Mode = "once",
         delay: float = 0.0,
     ) -> None:
-        """Call `callback(simulation, factor)` before steps, from simulated time `delay` on; see `animated`."""
+        """Call `callback(simulation, factor)` before steps, from time `delay` in [s] on; see `animated`."""
         self.controllers.append(animated(callback, duration, mode, delay))
 
     def describe(self) -> SceneDescription:
@@ -152,7 +152,7 @@ def animated(
 ) -> Controller:
     """A controller that plays an animation in simulated time.
 
-    The factor is a function of the simulated time alone, so a reset or restored simulation plays it exactly again.
+    The factor depends on the simulated time alone: a reset or restored simulation plays it exactly again.
 
     Args:
         callback: Called with the simulation and the factor in 0..1 before each step while the animation runs.

@@ -1,6 +1,6 @@
 """Plain data to typed descriptions and back: strict, and every refusal names its key path.
 
-cattrs does the dispatch over the dataclasses' types; it is imported on first use, so that the core works without it.
+cattrs does the dispatch over the dataclasses' types; it is imported on first use: the core works without it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Hook = Callable[[Any, Any], Any]
 _NOT_IN_FILES = ("controllers", "source")
 
 
-class _Refused(Exception):
+class _RefusedError(Exception):
     """A value that does not fit its key; `below` is the rest of the key path."""
 
     def __init__(self, problem: str, below: KeyPath = ()) -> None:
@@ -102,14 +102,14 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
     last: str | int | None = None
     while True:
         if isinstance(error, cattrs.BaseValidationError):
-            error = error.exceptions[0]  # type: ignore[attr-defined]
+            error = error.exceptions[0]
             for note in getattr(error, "__notes__", ()):
                 last = getattr(note, "name", getattr(note, "index", None))
                 if last is not None:
                     path.append(last)
             continue
         break
-    if isinstance(error, _Refused):
+    if isinstance(error, _RefusedError):
         return (*path, *error.below), error.problem
     if isinstance(error, FieldError):
         return (*path, error.field), f"must be {error.allowed}, not {error.value}"
@@ -150,7 +150,7 @@ def _number(value: Any, _: Any) -> float:
             number = math.nan
         if not math.isnan(number):
             return number
-    raise _Refused(f"must be a number, not {_shown(value)}{_number_hint(value)}")
+    raise _RefusedError(f"must be a number, not {_shown(value)}{_number_hint(value)}")
 
 
 def _number_hint(value: Any) -> str:
@@ -170,31 +170,31 @@ def _number_hint(value: Any) -> str:
 def _integer(value: Any, _: Any) -> int:
     if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
         return int(value)
-    raise _Refused(f"must be a whole number, not {_shown(value)}")
+    raise _RefusedError(f"must be a whole number, not {_shown(value)}")
 
 
 def _boolean(value: Any, _: Any) -> bool:
     if isinstance(value, bool):
         return value
-    raise _Refused(f"must be true or false, not {_shown(value)}")
+    raise _RefusedError(f"must be true or false, not {_shown(value)}")
 
 
 def _text(value: Any, _: Any) -> str:
     if isinstance(value, str):
         return value
-    raise _Refused(f"must be text, not {_shown(value)}" + ("" if value is None else "; quote it"))
+    raise _RefusedError(f"must be text, not {_shown(value)}" + ("" if value is None else "; quote it"))
 
 
 def _path(value: Any, _: Any) -> Path:
     if isinstance(value, str | Path) and str(value):
         return Path(value)
-    raise _Refused(f"must be a file path, not {_shown(value)}")
+    raise _RefusedError(f"must be a file path, not {_shown(value)}")
 
 
 def _instance(value: Any, cls: type) -> Any:
     if isinstance(value, cls):
         return value
-    raise _Refused(f"comes from Python scenes only, not {_shown(value)}")
+    raise _RefusedError(f"comes from Python scenes only, not {_shown(value)}")
 
 
 def _one_of(literal: Any) -> Hook:
@@ -204,7 +204,7 @@ def _one_of(literal: Any) -> Hook:
         for each in allowed:
             if type(value) is type(each) and value == each:
                 return each
-        raise _Refused(f"must be one of {listing(allowed)}, not {_shown(value)}")
+        raise _RefusedError(f"must be one of {listing(allowed)}, not {_shown(value)}")
 
     return structure
 
@@ -222,7 +222,7 @@ def _converter() -> Any:
                 results.append(converter.structure(value, item_type))
             except Exception as error:
                 note = cattrs.IterableValidationNote(f"item {index}", index, item_type)
-                error.__notes__ = [*getattr(error, "__notes__", []), note]  # type: ignore[attr-defined]
+                error.__notes__ = [*getattr(error, "__notes__", []), note]
                 raise cattrs.IterableValidationError(f"item {index}", [error], owner) from None
         return results
 
@@ -233,7 +233,7 @@ def _converter() -> Any:
         def structure(value: Any, _: Any) -> tuple[Any, ...]:
             if not isinstance(value, list | tuple) or length not in (None, len(value)):
                 kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
-                raise _Refused(f"must be {kind}, not {_shown(value)}")
+                raise _RefusedError(f"must be {kind}, not {_shown(value)}")
             items = [args[0]] * len(value) if length is None else args
             return tuple(
                 collected([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
@@ -246,7 +246,7 @@ def _converter() -> Any:
 
         def structure(value: Any, _: Any) -> dict[str, Any]:
             if not isinstance(value, Mapping):
-                raise _Refused(f"must be a mapping of `name: value`, not {_shown(value)}")
+                raise _RefusedError(f"must be a mapping of `name: value`, not {_shown(value)}")
             items = collected([(key, item, item_type) for key, item in value.items()], owner)
             return dict(zip(value, items, strict=True))
 
@@ -260,12 +260,14 @@ def _converter() -> Any:
 
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
-                raise _Refused(f"must be a mapping with keys among {listing(known)}, not {_shown(value)}")
+                raise _RefusedError(
+                    f"must be a mapping with keys among {listing(known)}, not {_shown(value)}"
+                )
             for key in value:
                 if key not in known:
                     near = difflib.get_close_matches(str(key), known, n=1)
                     hint = f"did you mean {near[0]}? " if near else ""
-                    raise _Refused(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
+                    raise _RefusedError(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
             return _located(build(value, cls), value) if cls is MeshFile else build(value, cls)
 
         return structure
@@ -273,17 +275,20 @@ def _converter() -> Any:
     for cls, hook in ((float, _number), (int, _integer), (bool, _boolean), (str, _text), (Path, _path)):
         converter.register_structure_hook(cls, hook)
     converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
-    for cls in (TetMesh, Controller):
-        converter.register_structure_hook(cls, _instance)
-    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is tuple, tuple_hook)
-    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is dict, dict_hook)
-    converter.register_structure_hook_factory(lambda t: typing.get_origin(t) is Literal, _one_of)
+    converter.register_structure_hook(TetMesh, _instance)
+    converter.register_structure_hook(Controller, _instance)
+    for origin, factory in ((tuple, tuple_hook), (dict, dict_hook), (Literal, _one_of)):
+        converter.register_structure_hook_factory(functools.partial(_has_origin, origin), factory)
 
     def mesh_or_file(value: Any, _: Any) -> Any:
         return value if isinstance(value, TetMesh) else converter.structure(value, MeshFile)
 
     converter.register_structure_hook_func(lambda t: _members(t) == {MeshFile, TetMesh}, mesh_or_file)
     return converter
+
+
+def _has_origin(origin: Any, annotation: Any) -> bool:
+    return typing.get_origin(annotation) is origin
 
 
 def _members(union: Any) -> set[Any]:
@@ -305,5 +310,5 @@ def _located(mesh: MeshFile, data: Mapping[str, Any]) -> MeshFile:
             if mesh.file.is_absolute()
             else f" ({mesh.file} is relative to {origin or 'the working directory'})"
         )
-        raise _Refused(f"no such mesh file {file}{note}", ("file",))
+        raise _RefusedError(f"no such mesh file {file}{note}", ("file",))
     return MeshFile(file=file, placement=mesh.placement)

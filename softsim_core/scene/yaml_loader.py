@@ -16,8 +16,9 @@ def load_yaml(file: str | Path, overrides: Mapping[str, Any] | None = None) -> S
     """The scene of a YAML file.
 
     Args:
-        file: The file. Its key `extends` may name another one to lay this one over: mappings merge, lists of items
-            with a `name` merge by that name, other values replace. Mesh files are relative to the file that names them.
+        file: The file. Its key `extends` may name another one to lay this one over: mappings merge, lists
+            of items with a `name` merge by that name, other values replace. Mesh files are relative to the file
+            that names them.
         overrides: Laid over the result by the same rules, before validation.
 
     Returns:
@@ -29,5 +30,5 @@ def load_yaml(file: str | Path, overrides: Mapping[str, Any] | None = None) -> S
     path = Path(file).expanduser().absolute()
     data = read_extended(path)
     if overrides:
-        data = merge(data, sourced(overrides, None))
+        data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
     return replace(structure_scene(data, path), source=path)

@@ -1,4 +1,4 @@
-"""YAML text to plain data: safe, duplicate keys refused, every mapping remembers the file that wrote each key."""
+"""YAML text to plain data: safe, no key twice, and every mapping remembers which file wrote each key."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def read_yaml(file: Path) -> SourcedMapping:
     """The mapping a YAML file holds; anchors, aliases and merge keys (<<) are resolved.
 
     Raises:
-        ConfigError: unreadable file, YAML syntax, a key given twice, a key that is not text, no mapping at the top.
+        ConfigError: unreadable file, YAML syntax, a key given twice or not text, no mapping at the top.
     """
     yaml = _pyyaml(file)
     try:
@@ -134,7 +134,7 @@ class _Reader:
 
 
 def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> SourcedMapping:
-    """`over` laid over `base`: mappings merge, lists of named items merge by `name`, everything else is replaced.
+    """`over` laid over `base`: mappings merge, lists of named items merge by `name`, the rest is replaced.
 
     Raises:
         ConfigError: a list that is merged by name names an item twice.
@@ -146,27 +146,29 @@ def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> Sou
         elif key not in base:
             result.put(key, over[key], over.file_of(key))
         else:
-            result.put(
-                key, _merge_values(base[key], over[key], (*path, key), over.file_of(key)), over.file_of(key)
-            )
+            result.put(key, _merge_values(base[key], over[key], (*path, key)), over.file_of(key))
     return result
 
 
-def _merge_values(base: Any, over: Any, path: KeyPath, file: Path | None) -> Any:
+def _merge_values(base: Any, over: Any, path: KeyPath) -> Any:
     if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
         return merge(base, over, path)
     if _is_named_list(base) and _is_named_list(over):
-        items: dict[str, Any] = {item["name"]: item for item in base}
-        names = [item["name"] for item in over]
-        for index, item in enumerate(over):
-            if names.index(item["name"]) != index:
-                raise ConfigError(
-                    file or "overrides", key_path((*path, index)), f"a second item is named {item['name']}"
-                )
-            known = items.get(item["name"])
-            items[item["name"]] = item if known is None else merge(known, item, (*path, index))
+        items = _by_name(base, path)
+        for name, item in _by_name(over, path).items():
+            items[name] = merge(items[name], item, (*path, name)) if name in items else item
         return list(items.values())
     return over
+
+
+def _by_name(items: list[SourcedMapping], path: KeyPath) -> dict[str, SourcedMapping]:
+    names: dict[str, SourcedMapping] = {}
+    for index, item in enumerate(items):
+        if item["name"] in names:
+            where = item.file_of("name") or "scene"
+            raise ConfigError(where, key_path((*path, index)), f"a second item is named {item['name']}")
+        names[item["name"]] = item
+    return names
 
 
 def _is_named_list(value: Any) -> bool:
@@ -201,7 +203,7 @@ def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
 
 
 def relative_to_file(path: str | Path, file: Path | None) -> Path:
-    """Absolute path of something a file names relative to itself (None: relative to the working directory)."""
+    """Absolute path of something a file names relative to itself (None: to the working directory)."""
     path = Path(path).expanduser()
     if path.is_absolute():
         return path

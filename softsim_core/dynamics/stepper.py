@@ -1,0 +1,67 @@
+"""The interface of a time step, shared by its two implementations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import State
+
+
+@dataclass(slots=True, eq=False)
+class Parameters:
+    """What a user may tune while the simulation runs.
+
+    Attributes:
+        lame: Lame parameters (lambda, mu) of each body in [Pa], shape (bodies, 2).
+        rayleigh_stiffness: Damping per stiffness in [s].
+        rayleigh_mass: Damping per mass in [1/s].
+    """
+
+    lame: Array
+    rayleigh_stiffness: float
+    rayleigh_mass: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What acts during one step.
+
+    Attributes:
+        targets: Where each joint is commanded to be at the end of the step, in [rad] or [m], shape (j,).
+        forces: External forces on the nodes in [N], shape (n, 3).
+        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven: their
+            velocity stays zero, and the body feels the move from the next step on.
+    """
+
+    targets: Array
+    forces: Array
+    base_shift: float = 0.0
+
+
+class Stepper(Protocol):
+    """One implicit Euler step, linearised once, with all frames and joints solved together with the nodes.
+
+    With h = dt, r_K and r_M the Rayleigh coefficients, K the (warped) stiffness:
+
+        A dv = b,   A = (1 + h r_M) M + h (h + r_K) K,   b = h (f - r_M M v - (h + r_K) K v)
+        v+ = v + dv,   x+ = x + h v+
+
+    Source: Baraff and Witkin 1998.
+    """
+
+    name: str
+    stage_times: dict[str, float]
+
+    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> None:
+        """Advance `state` by one dt, in place; the caller checks the result."""
+        ...
+
+
+def joint_stiffness(model: Model) -> Array:
+    """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""
+    return np.array([joint.stiffness or 0.0 for joint in model.joints], dtype=float)

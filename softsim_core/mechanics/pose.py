@@ -1,0 +1,90 @@
+"""Rotations and poses: exponential map, Euler angles, quaternions (x, y, z, w)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.arrays import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Position in [m], shape (3,), and unit quaternion (x, y, z, w), shape (4,), of a frame in the world."""
+
+    position: Array
+    quaternion_xyzw: Array
+
+
+def cross_matrix(vector: Array) -> Array:
+    """Matrix [v]x with [v]x w = v x w; `vector` of shape (3,), result (3, 3)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_exp(rotation_vector: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(rotation_vector))
+    k = cross_matrix(rotation_vector)
+    if angle < 1e-8:
+        return np.eye(3) + k + 0.5 * k @ k
+    return np.eye(3) + np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * (k @ k)
+
+
+def rotation_log(rotation: Array) -> Array:
+    """Rotation vector (3,) in [rad], of length at most pi, of a rotation matrix (3, 3)."""
+    x, y, z, w = quaternion_of(rotation)
+    sine = float(np.sqrt(x * x + y * y + z * z))
+    if sine < 1e-12:
+        return 2.0 * np.array([x, y, z])
+    return 2.0 * np.arctan2(sine, w) / sine * np.array([x, y, z])
+
+
+def rotation_euler(angles: Array) -> Array:
+    """Rotation matrix Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, then y, then z."""
+    (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
+    return np.array(
+        [
+            [cb * cc, sa * sb * cc - ca * sc, ca * sb * cc + sa * sc],
+            [cb * sc, sa * sb * sc + ca * cc, ca * sb * sc - sa * cc],
+            [-sb, sa * cb, ca * cb],
+        ]
+    )
+
+
+def quaternion_of(rotation: Array) -> Array:
+    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3); branches on the largest component."""
+    m = rotation
+    squares = np.array(
+        [
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    a, b, c = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    d, e, f = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    candidates = (
+        (squares[0], d, e, a),
+        (d, squares[1], f, b),
+        (e, f, squares[2], c),
+        (a, b, c, squares[3]),
+    )
+    quaternion = np.array(candidates[largest])
+    quaternion /= np.linalg.norm(quaternion)
+    return quaternion if quaternion[3] >= 0.0 else -quaternion
+
+
+def rotation_of(quaternion_xyzw: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion_xyzw
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
