@@ -1,0 +1,8 @@
+"""`python -m softsim_ros.cli`: the `softsim` command where the console script is not installed."""
+
+import sys
+
+from softsim_ros.cli.app import main
+
+if __name__ == "__main__":
+    sys.exit(main())

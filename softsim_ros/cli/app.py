@@ -1,0 +1,103 @@
+"""The `softsim` program: finds the subcommand, sets the environment, runs it, says errors in a sentence."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from softsim_ros.cli.environment import MixedRosError, prepare
+
+
+class Command(NamedTuple):
+    """A subcommand, imported when used: its module has `configure(parser)` and `run(arguments) -> int`.
+
+    Attributes:
+        module: Name of the module.
+        help: One line for `softsim --help`.
+        passes_on: Arguments it does not know are left to it in `arguments.rest`.
+    """
+
+    module: str
+    help: str
+    passes_on: bool = False
+
+
+COMMANDS = {
+    "up": Command(
+        "softsim_ros.cli.up", "simulate a robot, bridge it to a board, drive it from this terminal"
+    ),
+    "run": Command("softsim_ros.cli.run", "run one ROS node by its name: softsim run NODE --ros-args ..."),
+    "topics": Command(
+        "softsim_ros.cli.topics", "list the live topics, print their messages, measure their rate"
+    ),
+    "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
+    "doctor": Command(
+        "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"
+    ),
+    "bench": Command("softsim_ros.cli.bench", "measure the speed of a simulation step on this machine"),
+    "test": Command("softsim_ros.cli.suite", "run the test suite (--quick: under two minutes)", True),
+}
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+
+def _overview() -> argparse.ArgumentParser:
+    width = max(map(len, COMMANDS))
+    lines = "\n".join(f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items())
+    parser = argparse.ArgumentParser(
+        prog="softsim",
+        usage="softsim COMMAND [options]",
+        description="Soft-robot simulation and control for ROS 2.",
+        epilog=f"commands:\n{lines}\n\nstart here: softsim up tripod\nmore on one: softsim COMMAND --help\n"
+        "./softsim makes its own Python environment the first time a command runs (about a minute, 1 GB).",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
+    return parser
+
+
+def _dispatch(words: Sequence[str]) -> int:
+    parser = _overview()
+    if not words or words[0] in ("-h", "--help"):
+        parser.print_help()
+        return 0
+    name = words[0]
+    if name not in COMMANDS:
+        parser.exit(EXIT_USAGE, f"softsim: unknown command '{name}'; known commands: {', '.join(COMMANDS)}\n")
+    command = COMMANDS[name]
+    prepare()
+    module = importlib.import_module(command.module)
+    own = argparse.ArgumentParser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
+    module.configure(own)
+    if command.passes_on:
+        arguments, rest = own.parse_known_args(words[1:])
+        arguments.rest = rest
+    else:
+        arguments = own.parse_args(words[1:])
+    return int(module.run(arguments))
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the `softsim` command.
+
+    Args:
+        words: Command line without the program's name; None takes the process's own.
+
+    Returns:
+        Exit code: 0 done, 1 an error that was said in one sentence, 2 wrong usage, 130 interrupted.
+    """
+    from softsim_core.errors import SoftSimError
+
+    try:
+        return _dispatch(sys.argv[1:] if words is None else words)
+    except (SoftSimError, MixedRosError) as error:
+        print(f"softsim: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # `softsim topics | head`
+        sys.stderr.close()
+        return 0
