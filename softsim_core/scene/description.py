@@ -157,7 +157,7 @@ class JointDescription:
         stiffness: None: the joint is exactly where it is commanded (a prescribed unknown; its reaction is the
             holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it there.
         inertia: Generalised inertia in [kg m^2] or [kg] of a joint with stiffness.
-        slide_axis: Direction in the base frame in which the start animation shifts the base, in simulation only.
+        slide_axis: Direction in the base frame in which the start move shifts the base, in simulation only.
         horn_length: Length in [m] of the servo arm, for pictures only.
     """
 

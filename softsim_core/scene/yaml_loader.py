@@ -17,8 +17,8 @@ def load_yaml(file: str | Path, overrides: Mapping[str, Any] | None = None) -> S
 
     Args:
         file: The file. Its key `extends` may name another one to lay this one over: mappings merge, lists
-            of items with a `name` merge by that name, other values replace. Mesh files are relative to the file
-            that names them.
+            of items with a `name` merge by that name, other values replace. Mesh files are relative to the
+            file that names them.
         overrides: Laid over the result by the same rules, before validation.
 
     Returns:
