@@ -241,7 +241,7 @@ def tripod(
         servo_height: Height in [m] of the servos' wheel axes.
         arm_length: Length in [m] of the arms.
         tips: What the ends of the silicone move with: "servo" arms, "free" rigid frames, "none" (soft).
-        centre_radius: Nodes within this distance in [m] of the middle of the piece's upper face, taken 5 mm above
+        centre_radius: Nodes within this distance in [m] of the middle of the upper face, taken 5 mm above
             the end of the arms, form a rigid frame "centre", the effector; None leaves them soft.
         stiffness: As in `servo`.
         inertia: As in `servo`.
