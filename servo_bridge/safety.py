@@ -111,6 +111,12 @@ class ServoMotion:
         self._since = self._last_step = now
         self._mode = "hold"
 
+    def resume_from(self, positions: Sequence[float]) -> None:
+        """Take over a pose that is known from elsewhere, in [rad], clamped to the limits."""
+        self.positions = tuple(
+            limits.clamp(position) for limits, position in zip(self.limits, positions, strict=True)
+        )
+
     def command(self, angles_rad: Sequence[float], now: float) -> None:
         """Take a new target; only the newest counts. It is clamped to the limits.
 

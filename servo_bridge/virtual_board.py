@@ -79,6 +79,12 @@ class VirtualBoard:
             return list(self._log)
 
     @property
+    def accepted(self) -> int:
+        """Packets accepted by the board's parser so far."""
+        with self._changed:
+            return self._parser.accepted
+
+    @property
     def dropped(self) -> int:
         """Packets dropped by the board's parser so far."""
         with self._changed:

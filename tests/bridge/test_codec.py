@@ -168,7 +168,7 @@ def test_byte_100_becomes_101_and_nothing_else_changes() -> None:
 
 @pytest.mark.parametrize("bad", [-1, 181, 255])
 def test_an_impossible_byte_has_no_angle(bad: int) -> None:
-    with pytest.raises(PacketError, match="allowed are 0..180"):
+    with pytest.raises(PacketError, match=r"allowed are 0\.\.180"):
         byte_to_angle(bad, SERVO)
 
 

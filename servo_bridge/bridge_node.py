@@ -1,0 +1,378 @@
+"""Lifecycle node `servo_bridge`: configure opens the port, activate sends, exits end in the safe pose."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from array import array
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from servo_bridge import parameters
+from servo_bridge.diagnostics import bridge_status
+from servo_bridge.driver import ServoDriver
+from servo_bridge.errors import PortError
+from servo_bridge.ports import find_port
+from servo_bridge.process import run_node
+from servo_bridge.recovery import Recovery
+from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.scene.description import SceneDescription
+
+SUPERVISION_PERIOD_S = 0.1
+REFUSAL_LOG_PERIOD_S = 2.0
+
+
+class ServoBridge(LifecycleNode):
+    """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
+
+    Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
+    was really sent, one message a packet), `/diagnostics` at 1 Hz. Services: the lifecycle ones, `~/e_stop`,
+    `~/clear_e_stop`.
+
+    Args:
+        scene: Robot already loaded; None loads the parameter `robot` at configure.
+        node_name: Name of the node.
+        **node_kwargs: Passed on to rclpy's Node (namespace, parameter_overrides, context, ...).
+    """
+
+    def __init__(
+        self, *, scene: SceneDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
+    ) -> None:
+        super().__init__(node_name, **node_kwargs)
+        parameters.declare(self)
+        self._scene = scene
+        self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
+        self._driver: ServoDriver | None = None
+        self._e_stopped = False
+        self._sending = False
+        self._closed = False
+        self._trouble = ""
+        self._reconnects = 0
+        self._recovery = Recovery()
+        self._send_timer: Timer | None = None
+        self._source_subscription: Subscription | None = None
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._applied: Publisher = self.create_publisher(
+            JointState, "applied_joint_states", QoSProfile(depth=10)
+        )
+        self._diagnostics: Publisher = self.create_publisher(
+            DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
+        )
+        self.create_service(Trigger, "~/e_stop", self._on_e_stop)
+        self.create_service(Trigger, "~/clear_e_stop", self._on_clear_e_stop)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
+        self._recovery.want(parameters.read(self).autostart, time.monotonic(), wait=False)
+
+    @property
+    def lifecycle_state(self) -> str:
+        """Present lifecycle state: unconfigured, inactive, active, finalized, or a transition's."""
+        return str(self._state_machine.current_state[1])
+
+    # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""
+        with self._lock:
+            try:
+                self._configure()
+            except SoftSimError as error:
+                self._report(str(error))
+                return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to send from the last known pose; refused without a port and while the e-stop is latched."""
+        with self._lock:
+            refusal = self._activation_refusal()
+            if refusal or self._driver is None or self._send_timer is None:
+                self._report(refusal)
+                return TransitionCallbackReturn.FAILURE
+            self._driver.start()
+            self._sending = True
+            self._trouble = ""
+            self._send_timer.reset()
+        self.get_logger().info(f"sending to {self._driver.port} at {1.0 / self._driver.period:g} Hz")
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the safe pose and stop sending; the port stays open."""
+        self._recovery.give_up()
+        self._stop_sending()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the port; the last pose sent stays known."""
+        self._recovery.give_up()
+        self._disconnect()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the safe pose and close the port, for good."""
+        self._recovery.give_up()
+        self._disconnect()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After an unforeseen error: safe pose, port closed, unconfigured."""
+        self.get_logger().error("a transition failed unexpectedly; the bridge is unconfigured again")
+        self._disconnect()
+        return super().on_error(state)
+
+    def close(self) -> None:
+        """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._recovery.give_up()
+                self._disconnect()
+
+    def destroy_node(self) -> None:
+        """Close, then destroy the node."""
+        self.close()
+        super().destroy_node()
+
+    def _configure(self) -> None:
+        settings = parameters.read(self)
+        driver = ServoDriver(
+            self._load_robot(settings.robot),
+            settings=settings.motion,
+            rate=settings.rate or None,
+            avoid_byte_100=settings.avoid_byte_100,
+        )
+        driver.connect(find_port(settings.port), settings.open_wait_s)
+        if self._driver is not None and self._driver.servo_joints == driver.servo_joints:
+            driver.motion.resume_from(self._driver.motion.positions)
+        if self._e_stopped:
+            driver.motion.e_stop()
+        self._release_topics()
+        self._driver = driver
+        if settings.source == "commands":
+            self._source_subscription = self.create_subscription(
+                Float64MultiArray, "position_controller/commands", self._on_command, QoSProfile(depth=1)
+            )
+        else:
+            self._source_subscription = self.create_subscription(
+                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1)
+            )
+        self._send_timer = self.create_timer(driver.period, self._tick, clock=self._steady)
+        self._send_timer.cancel()
+        self._trouble = ""
+        self.get_logger().info(f"port {driver.port} open, source {settings.source}; activate to send")
+
+    def _load_robot(self, name: str) -> SceneDescription:
+        if self._scene is not None:
+            return self._scene
+        from softsim_core.scene import load_scene  # costs imports: only when needed
+
+        return load_scene(name)
+
+    def _activation_refusal(self) -> str:
+        if self._e_stopped:
+            return "activation refused: the e-stop is latched; call ~/clear_e_stop first"
+        if self._driver is None or not self._driver.connected:
+            return f"activation refused: no port is open ({self._trouble or 'configure first'})"
+        return ""
+
+    def _stop_sending(self) -> None:
+        with self._lock:
+            if not self._sending or self._driver is None or self._send_timer is None:
+                return
+            self._sending = False
+            self._send_timer.cancel()
+            if self._driver.connected:
+                self._driver.settle(parameters.read(self).settle_timeout, self._publish_applied)
+
+    def _disconnect(self) -> None:
+        with self._lock:
+            self._stop_sending()
+            if self._driver is not None:
+                self._driver.disconnect()
+            if not self._closed:
+                self._release_topics()
+
+    def _release_topics(self) -> None:
+        if self._source_subscription is not None:
+            self.destroy_subscription(self._source_subscription)
+        if self._send_timer is not None:
+            self.destroy_timer(self._send_timer)
+        self._source_subscription = self._send_timer = None
+
+    # Commands
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        with self._lock:
+            if self._sending and self._driver is not None:
+                try:
+                    self._driver.command(message.data)
+                except CommandError as error:
+                    self._warn(f"position_controller/commands: {error}")
+
+    def _on_joint_states(self, message: JointState) -> None:
+        with self._lock:
+            if self._sending and self._driver is not None:
+                try:
+                    if len(message.name) != len(message.position):
+                        raise CommandError(
+                            f"{len(message.name)} names with {len(message.position)} positions refused;"
+                            " nothing was moved"
+                        )
+                    self._driver.command_named(dict(zip(message.name, message.position, strict=True)))
+                except CommandError as error:
+                    self._warn(f"joint_states: {error}")
+
+    def _on_e_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            self._e_stopped = True
+            if self._driver is not None:
+                self._driver.motion.e_stop()
+        response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
+        self.get_logger().warning(response.message)
+        return response
+
+    def _on_clear_e_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            self._e_stopped = False
+            if self._driver is not None:
+                self._driver.motion.clear_e_stop(time.monotonic())
+        response.success, response.message = True, "e-stop cleared: the next command moves the servos"
+        self.get_logger().info(response.message)
+        return response
+
+    # Timers
+
+    def _tick(self) -> None:
+        with self._lock:
+            if not self._sending or self._driver is None:
+                return
+            try:
+                sent = self._driver.tick()
+            except PortError as error:
+                self._lose_port(error)
+                return
+        if sent is not None:
+            self._publish_applied()
+
+    def _supervise(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            now = time.monotonic()
+            if self._recovery.due(now):
+                if self._pursue():
+                    self._recovery.give_up()
+                else:
+                    self._recovery.failed(time.monotonic())
+            elif self._driver is not None and not self._sending:
+                try:
+                    self._driver.listen()
+                except PortError as error:
+                    self._lose_port(error)
+
+    def _lose_port(self, error: PortError) -> None:
+        """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
+        was_sending = self._sending
+        if self._driver is not None:
+            self._driver.disconnect()
+        self._report(f"{error}; the bridge tries to open it again")
+        if was_sending:
+            self.trigger_deactivate()
+        self._recovery.want("activate" if was_sending else "configure", time.monotonic(), wait=True)
+
+    def _pursue(self) -> bool:
+        """One try to reach what recovery wishes; True when there is no more to try."""
+        wish = self._recovery.wish
+        if self.lifecycle_state == "unconfigured":
+            if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+                return False
+        elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
+            settings = parameters.read(self)
+            try:
+                self._driver.connect(find_port(settings.port), settings.open_wait_s)
+            except PortError as error:
+                self._report(str(error))
+                return False
+            self._reconnects += 1
+            self._trouble = ""
+            self.get_logger().info(f"port {self._driver.port} is open again")
+        if wish == "activate" and self.lifecycle_state == "inactive":
+            self.trigger_activate()
+        return True
+
+    # Reports
+
+    def _report(self, sentence: str) -> None:
+        """Log an error once, and show it in the diagnostics until it is over."""
+        if sentence != self._trouble:
+            self._trouble = sentence
+            self.get_logger().error(sentence)
+
+    def _warn(self, sentence: str) -> None:
+        self.get_logger().warning(sentence, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
+
+    def _publish_applied(self) -> None:
+        if self._driver is None or not self.context.ok():
+            return
+        message = JointState(name=list(self._driver.servo_joints))
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.position = array("d", self._driver.applied_angles())
+        self._applied.publish(message)
+
+    def _publish_diagnostics(self) -> None:
+        with self._lock:
+            if self._closed or not self.context.ok():
+                return
+            status = bridge_status(
+                self.get_fully_qualified_name(),
+                self.lifecycle_state,
+                self._driver,
+                e_stopped=self._e_stopped,
+                trouble=self._trouble,
+                reconnects=self._reconnects,
+            )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    # Parameters
+
+    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        configured = self.lifecycle_state in ("inactive", "active")
+        reason = parameters.refusal(changes, configured)
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _apply_parameters(self, changes: list[Parameter]) -> None:
+        with self._lock:
+            if self._driver is not None:
+                settings = parameters.read(self)
+                self._driver.avoid_byte_100 = settings.avoid_byte_100
+                self._driver.set_timing(settings.motion)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the bridge until Ctrl-C or SIGTERM; the servos end in the safe pose.
+
+    Returns:
+        Exit code: 0 after a normal end, 2 for a parameter that cannot be used.
+    """
+    return run_node(ServoBridge, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

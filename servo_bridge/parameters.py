@@ -1,0 +1,141 @@
+"""Parameters of the bridge node: names, ranges, and the typed values read from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, cast, get_args
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from servo_bridge.safety import MotionSettings
+from softsim_core.errors import ConfigError, listing
+
+Source = Literal["joint_states", "commands"]
+Autostart = Literal["none", "configure", "activate"]
+
+FIXED_WHILE_CONFIGURED = ("robot", "port", "source", "rate", "open_wait_s")
+"""Parameters that take effect at the next configure and are refused while the node is configured."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BridgeSettings:
+    """Values of the bridge's parameters; see `declare` for their meaning and units."""
+
+    robot: str
+    port: str
+    source: Source
+    autostart: Autostart
+    rate: float
+    open_wait_s: float
+    avoid_byte_100: bool
+    settle_timeout: float
+    motion: MotionSettings
+
+
+def declare(node: Node) -> None:
+    """Declare every parameter with its description and range."""
+    times = MotionSettings()
+
+    def text(
+        name: str, default: str, description: str, *, allowed: str = "", read_only: bool = False
+    ) -> None:
+        node.declare_parameter(
+            name,
+            default,
+            ParameterDescriptor(description=description, additional_constraints=allowed, read_only=read_only),
+        )
+
+    def number(name: str, default: float, low: float, high: float, description: str) -> None:
+        limits = FloatingPointRange(from_value=low, to_value=high, step=0.0)
+        node.declare_parameter(
+            name, default, ParameterDescriptor(description=description, floating_point_range=[limits])
+        )
+
+    text("robot", "tripod", "Robot: a name from configs/robots, or the path of its file.")
+    text("port", "", "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in.")
+    text(
+        "source",
+        "joint_states",
+        "What the servos follow: joint_states (the simulator's) or commands (position_controller/commands).",
+        allowed=listing(get_args(Source)),
+    )
+    text(
+        "autostart",
+        "none",
+        "How far to go unasked: none, configure (open the port) or activate (send); tried until it works.",
+        allowed=listing(get_args(Autostart)),
+        read_only=True,
+    )
+    number("rate", 0.0, 0.0, 200.0, "Packets a second in [Hz]; 0: the board's own from the robot's file.")
+    number("open_wait_s", 2.5, 0.0, 60.0, "Quiet time in [s] after opening: most boards reset when opened.")
+    number(
+        "hold_timeout",
+        times.hold_timeout_s,
+        0.02,
+        3600.0,
+        "Hold still without a command for this long, in [s].",
+    )
+    number(
+        "rest_timeout",
+        times.rest_timeout_s,
+        0.02,
+        3600.0,
+        "Go slowly to rest without one for this long, in [s].",
+    )
+    number("rest_speed", times.rest_speed, 0.01, 10.0, "Speed of the slow way to rest in [rad/s].")
+    number("settle_timeout", 1.5, 0.0, 10.0, "Longest ramp to the safe pose on the way out, in [s].")
+    node.declare_parameter(
+        "avoid_byte_100",
+        True,
+        ParameterDescriptor(
+            description="Send 101 for the servo byte 100: coming first after a reset amid a packet,"
+            " 100 makes the boot loader erase the firmware."
+        ),
+    )
+
+
+def read(node: Node) -> BridgeSettings:
+    """The present values.
+
+    Raises:
+        ConfigError: a text parameter is none of the allowed words.
+    """
+
+    def word(name: str, allowed: tuple[str, ...]) -> str:
+        value = str(node.get_parameter(name).value)
+        if value not in allowed:
+            raise ConfigError(
+                "servo_bridge", f"parameter {name}", f"{value!r} is none of: {listing(allowed)}"
+            )
+        return value
+
+    def number(name: str) -> float:
+        return float(node.get_parameter(name).value)
+
+    return BridgeSettings(
+        robot=str(node.get_parameter("robot").value),
+        port=str(node.get_parameter("port").value),
+        source=cast(Source, word("source", get_args(Source))),
+        autostart=cast(Autostart, word("autostart", get_args(Autostart))),
+        rate=number("rate"),
+        open_wait_s=number("open_wait_s"),
+        avoid_byte_100=bool(node.get_parameter("avoid_byte_100").value),
+        settle_timeout=number("settle_timeout"),
+        motion=MotionSettings(
+            hold_timeout_s=number("hold_timeout"),
+            rest_timeout_s=number("rest_timeout"),
+            rest_speed=number("rest_speed"),
+        ),
+    )
+
+
+def refusal(changes: list[Parameter], configured: bool) -> str:
+    """Why a change of parameters is refused, in one sentence; empty when it is allowed."""
+    for change in changes:
+        if configured and change.name in FIXED_WHILE_CONFIGURED:
+            return f"{change.name} is fixed while the bridge is configured; call its lifecycle cleanup first"
+        if change.name == "source" and change.value not in get_args(Source):
+            return f"source {change.value!r} is none of: {listing(get_args(Source))}"
+    return ""

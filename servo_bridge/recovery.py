@@ -1,0 +1,37 @@
+"""What the bridge wants to reach by itself, and when to try: at start and after a lost port. Pure."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+Wish: TypeAlias = Literal["none", "configure", "activate"]
+
+DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
+"""Waiting times between tries in [s]; the last one repeats."""
+
+
+class Recovery:
+    """A wished state and a back-off between the tries to reach it, on a steady clock that is passed in."""
+
+    def __init__(self) -> None:
+        self.wish: Wish = "none"
+        self.tries = 0
+        self._next_try = 0.0
+
+    def want(self, wish: Wish, now: float, *, wait: bool) -> None:
+        """Set the wish; the first try is due at once, or after the first delay."""
+        self.wish, self.tries = wish, 0
+        self._next_try = now + (DELAYS_S[0] if wait else 0.0)
+
+    def give_up(self) -> None:
+        """Want nothing any more."""
+        self.wish = "none"
+
+    def due(self, now: float) -> bool:
+        """Whether it is time to try."""
+        return self.wish != "none" and now >= self._next_try
+
+    def failed(self, now: float) -> None:
+        """The try did not succeed: wait longer before the next."""
+        self._next_try = now + DELAYS_S[min(self.tries, len(DELAYS_S) - 1)]
+        self.tries += 1
