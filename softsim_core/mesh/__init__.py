@@ -1,5 +1,42 @@
-"""Meshes: types, readers, checks, surfaces, embedding, and generators of our own robots."""
+"""Meshes: types, readers, checks, surfaces, embedding, and generators of our own robots.
 
+`softsim_core.mesh.tripod_mesh` makes the Tripod's silicone; meshio is imported only when a file needs it.
+"""
+
+from softsim_core.mesh.checks import MeshReport, check_tets
+from softsim_core.mesh.embedding import Embedding, embed
+from softsim_core.mesh.generators import box_mesh
+from softsim_core.mesh.placement import place, rotation_matrix
+from softsim_core.mesh.readers import read_surface, read_tets
+from softsim_core.mesh.surface import (
+    boundary,
+    boundary_surface,
+    enclosed_volume,
+    euler_number,
+    is_closed,
+    vertex_normals,
+)
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.mesh.writers import write_surface, write_tets
 
-__all__ = ["SurfaceMesh", "TetMesh"]
+__all__ = [
+    "Embedding",
+    "MeshReport",
+    "SurfaceMesh",
+    "TetMesh",
+    "boundary",
+    "boundary_surface",
+    "box_mesh",
+    "check_tets",
+    "embed",
+    "enclosed_volume",
+    "euler_number",
+    "is_closed",
+    "place",
+    "read_surface",
+    "read_tets",
+    "rotation_matrix",
+    "vertex_normals",
+    "write_surface",
+    "write_tets",
+]

@@ -14,7 +14,7 @@ _KUHN_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
 
 
 def oriented(points: Array, tets: IndexArray) -> IndexArray:
-    """The same tetrahedra with their last two nodes swapped where the signed volume is negative, shape (m, 4)."""
+    """The same tetrahedra, the last two nodes swapped where the signed volume is negative, shape (m, 4)."""
     corners = points[tets]
     edges = corners[:, 1:] - corners[:, :1]
     negative = np.linalg.det(edges) < 0.0
@@ -26,11 +26,11 @@ def oriented(points: Array, tets: IndexArray) -> IndexArray:
 def extrude(
     points: Array, triangles: IndexArray, labels: IndexArray, heights: Array
 ) -> tuple[Array, IndexArray]:
-    """Tetrahedra of a plane triangulation swept along z: each triangle and layer is a prism, each prism three tets.
+    """Tetrahedra of a plane triangulation swept along z: three for the prism of each triangle and layer.
 
-    A prism is cut along the diagonals that rise from the lower to the higher label (the other way round in every
-    second layer), so prisms that share a face agree on it, and triangles that are mirror images of each other with
-    equal labels are cut into mirror images.
+    A prism is cut along the diagonals that rise from the lower to the higher label (the other way round in
+    every second layer), so prisms that share a face agree on it, and triangles that are mirror images of each
+    other with equal labels are cut into mirror images.
 
     Args:
         points: Coordinates in [m], shape (n, 2).
@@ -39,7 +39,7 @@ def extrude(
         heights: Rising z of the layers in [m], shape (layers + 1,).
 
     Returns:
-        Points, shape ((layers + 1) n, 3), layer by layer, and positively oriented tets, shape (3 k layers, 4).
+        Points, shape ((layers + 1) n, 3), layer by layer; positively oriented tets, shape (3 k layers, 4).
     """
     n, layers = len(points), len(heights) - 1
     solid = np.column_stack([np.tile(points, (layers + 1, 1)), np.repeat(heights, n)])

@@ -1,4 +1,4 @@
-"""Triangulations of the plane from lines of points: stitching, edge flips, smoothing. Deterministic, no library calls."""
+"""Triangulations of the plane from lines of points: stitching, edge flips, smoothing; deterministic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def stitch(points: Array, left: Sequence[int], right: Sequence[int]) -> list[tup
     Args:
         points: Coordinates, shape (n, 2).
         left: Indices of the points of one line, in the direction of travel, at its left hand.
-        right: Indices of the points of the other line, same direction; a shared first or last point is allowed.
+        right: Indices of the points of the other line, same direction; end points may be shared.
 
     Returns:
         Counter-clockwise index triples.
@@ -40,7 +40,7 @@ def stitch(points: Array, left: Sequence[int], right: Sequence[int]) -> list[tup
 
 
 def flip_to_delaunay(points: Array, triangles: Sequence[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    """The same points with interior edges flipped until opposite angles add up to at most 180 degrees (Lawson 1977)."""
+    """Interior edges flipped until opposite angles add up to at most 180 degrees (Lawson 1977)."""
     current = [tuple(triangle) for triangle in triangles]
     for _ in range(10 * len(current)):
         pair = _first_illegal_edge(points, current)
@@ -54,7 +54,7 @@ def flip_to_delaunay(points: Array, triangles: Sequence[tuple[int, int, int]]) -
 def _first_illegal_edge(
     points: Array, triangles: Sequence[tuple[int, ...]]
 ) -> tuple[int, int, int, int, int, int] | None:
-    """Triangles (one, other) sharing the edge a-b, with apexes c (left of a-b) and d, whose flip makes better angles."""
+    """Triangles (one, other) and their edge a-b to flip, with apexes c (left of a-b) and d."""
     owner: dict[tuple[int, int], tuple[int, int]] = {}
     for index, (a, b, c) in enumerate(triangles):
         for start, end, apex in ((a, b, c), (b, c, a), (c, a, b)):
@@ -78,8 +78,8 @@ def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 2
     Args:
         points: Coordinates, shape (n, 2).
         triangles: Index triples, shape (k, 3).
-        movable: Projection of a point's motion, shape (n, 2, 2): identity for free points, zero for fixed ones,
-            t tᵀ for points that slide along the unit vector t.
+        movable: Projection of a point's motion, shape (n, 2, 2): identity for free points, zero for fixed
+            ones, t tᵀ for points that slide along the unit vector t.
         sweeps: Number of passes over all points (all points move at once in a pass).
 
     Returns:

@@ -19,7 +19,7 @@ def boundary(mesh: TetMesh) -> IndexArray:
         mesh: Tetrahedra of either orientation.
 
     Returns:
-        Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in the order of their tetrahedra.
+        Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in element order.
 
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
@@ -41,14 +41,14 @@ def boundary(mesh: TetMesh) -> IndexArray:
 
 
 def boundary_surface(mesh: TetMesh) -> SurfaceMesh:
-    """The boundary as a surface of its own, with only the points it uses, in the order of the mesh's nodes."""
+    """The boundary as a surface of its own, with only the points it uses, in node order."""
     triangles = boundary(mesh)
     used, renumbered = np.unique(triangles, return_inverse=True)
     return SurfaceMesh(mesh.points[used], renumbered.reshape(-1, 3).astype(np.int64), mesh.name)
 
 
 def triangle_normals(points: Array, triangles: IndexArray) -> Array:
-    """Area vectors of triangles in [m^2] (normal times area), shape (k, 3), from points (n, 3) and indices (k, 3)."""
+    """Normal times area in [m^2], shape (k, 3), of triangles (k, 3) over points (n, 3)."""
     corners = points[triangles]
     return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 

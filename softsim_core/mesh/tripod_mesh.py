@@ -1,14 +1,17 @@
 """The Tripod's silicone piece, made from its dimensions: a flat Y with a round hole, exactly symmetric.
 
-Half an arm (a sector of 60 degrees) is triangulated and cut into prisms and tetrahedra; its mirror image and two turns of
-120 degrees make the whole. A cut of the prisms by labels of the sector's points keeps the symmetry in the connectivity.
+Half an arm (a sector of 60 degrees) is triangulated; its mirror image and two turns of 120 degrees make the
+whole, which is swept along z. Cutting the prisms by labels of the sector's points keeps the symmetry in the
+connectivity.
 
-`python -m softsim_core.mesh.tripod_mesh --out configs/meshes` writes the files that the Tripod's configuration names.
+`python -m softsim_core.mesh.tripod_mesh --out configs/meshes` writes the files that the Tripod's config
+names.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,8 +36,8 @@ THICKNESS = 5.0 * MILLIMETRE
 HOLE_RADIUS = 5.0 * MILLIMETRE
 """Radius of the hole in the centre in [m]."""
 TIP_LINE = 45.01 * MILLIMETRE
-"""Distance in [m] of a straight row of nodes across each arm: the tip zones of the robot begin at 45 mm, and a row 0.01 mm
-inside makes the clamped length the same on every level without leaving the choice of nodes to round-off."""
+"""Distance in [m] of a straight row of nodes across each arm: the tip zones of the robot begin at 45 mm, and
+a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
 
 LEVELS: dict[str, tuple[int, int]] = {"low": (2, 1), "mid": (3, 2), "high": (4, 3)}
 """Name of a level: divisions of half an arm's width, layers through the thickness."""
@@ -51,11 +54,11 @@ _GRADING = 0.7  # growth of the element size per distance from the hole
 def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod silicone") -> TetMesh:
     """The silicone Y in its own frame: centre of the hole at the origin, z up, arm i at 180 + 120 i degrees.
 
-    Symmetric by turns of 120 degrees about z and by reflection in the plane of each arm, in nodes (to round-off) and in
-    connectivity (exactly).
+    Symmetric by turns of 120 degrees about z and by reflection in the plane of each arm, in nodes (to
+    round-off) and in connectivity (exactly).
 
     Args:
-        divisions: Elements across half an arm, >= 2 (their size is 15 mm / divisions, 5 mm pi / 3 / divisions at the hole).
+        divisions: Elements across half an arm, >= 2; 6 times as many around the hole.
         layers: Elements through the thickness, >= 1.
         name: Name of the mesh.
 
@@ -75,7 +78,7 @@ def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod sil
 
 
 def half_arm(divisions: int) -> tuple[Array, IndexArray]:
-    """Triangulated half of an arm along +x: 0 <= y <= 15 mm and polar angle up to 60 degrees, outside the hole.
+    """Triangulated half of an arm along +x: 0 <= y <= 15 mm, polar angle up to 60 degrees, outside the hole.
 
     Returns:
         Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
@@ -88,9 +91,7 @@ def half_arm(divisions: int) -> tuple[Array, IndexArray]:
         points.extend(new)
     plane = np.array(points)
     triangles = [
-        triangle
-        for right, left in zip(lines, lines[1:], strict=False)
-        for triangle in stitch(plane, left, right)
+        triangle for right, left in itertools.pairwise(lines) for triangle in stitch(plane, left, right)
     ]
     movable = _motions(plane, lines)
     for _ in range(3):
@@ -121,7 +122,7 @@ def _line_points(line: int, divisions: int) -> list[tuple[float, float]]:
             return growing + (count - within) * size
         return size_at_hole * math.expm1(_GRADING * count) / _GRADING
 
-    # Counted from the tip line inwards, so that neighbouring lines stay half an element apart along the whole arm.
+    # Counted from the tip line inwards, so that neighbouring lines stay half an element apart along the arm.
     total, half = elements(length), 0.5 * (line % 2)
     last = max(1, round(total - half)) + half
     steps = [last - step for step in range(int(last) + 1)]
@@ -161,10 +162,10 @@ def _motions(points: Array, lines: Sequence[Sequence[int]]) -> Array:
 
 
 def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray, IndexArray]:
-    """The whole Y from half an arm along +x: mirrored in y, turned to 180, 300 and 60 degrees, shared points merged.
+    """The whole Y from half an arm along +x: mirrored in y, turned to 180, 300 and 60 degrees, merged.
 
     Returns:
-        Points, shape (n, 2); counter-clockwise triangles; for each point the index of its original, shape (n,).
+        Points, shape (n, 2); counter-clockwise triangles; the index of each point's original, shape (n,).
     """
     images, faces = [], []
     sine = math.sqrt(0.75)
@@ -185,7 +186,7 @@ def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray,
 
 
 def write_levels(folder: Path) -> list[Path]:
-    """Write tripod_LEVEL.vtk (tetrahedra) and tripod_LEVEL.stl (their boundary), in metres, for every level."""
+    """Write tripod_LEVEL.vtk (tetrahedra) and tripod_LEVEL.stl (boundary), in metres; return the paths."""
     written = []
     for level, (divisions, layers) in LEVELS.items():
         mesh = tripod_silicone(divisions, layers, f"tripod_{level}")

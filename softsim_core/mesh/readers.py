@@ -1,0 +1,169 @@
+"""Reading mesh files: the suffix chooses the format; whatever is wrong becomes one MeshError."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import warnings
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MeshError
+from softsim_core.mesh.checks import check_arrays
+from softsim_core.mesh.facets import drop_degenerate, parse_obj, parse_stl
+from softsim_core.mesh.gid import is_gid, parse_gid
+from softsim_core.mesh.placement import PlacementLike, place
+from softsim_core.mesh.surface import boundary
+from softsim_core.mesh.types import SurfaceMesh, TetMesh
+
+_MESHIO_MODULES = {
+    ".vtk": "vtk",
+    ".vtu": "vtu",
+    ".msh": "gmsh",
+    ".inp": "abaqus",
+    ".mesh": "medit",
+    ".meshb": "medit",
+    ".ply": "ply",
+    ".off": "off",
+    ".bdf": "nastran",
+    ".nas": "nastran",
+    ".vol": "netgen",
+    ".xdmf": "xdmf",
+    ".su2": "su2",
+}
+SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
+"""Suffixes that can be read, in lower case (upper case is read as well)."""
+
+_GID_NAMES = {"tetrahedra": "tetra", "triangle": "triangle", "quadrilateral": "quad"}
+_Cells = dict[str, list[IndexArray]]
+
+
+def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
+    """Tetrahedra of a mesh file; other kinds of elements in it are skipped.
+
+    Args:
+        path: File in one of the formats of SUFFIXES.
+        placement: From file units and axes to [m] in the world; None: the file is in metres already.
+
+    Returns:
+        The mesh, nodes and elements in file order, named after the file.
+
+    Raises:
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no linear
+            tetrahedra.
+    """
+    file = Path(path)
+    points, cells = _read(file)
+    blocks = cells.get("tetra", [])
+    if not blocks:
+        raise MeshError(
+            file, f"holds no linear tetrahedra ({_found(cells)}); export a tetrahedral volume mesh"
+        )
+    tets = np.ascontiguousarray(np.concatenate(blocks), dtype=np.int64)
+    check_arrays(points, tets, 4, str(file))
+    return TetMesh(place(points, placement), tets, str(file))
+
+
+def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
+    """Triangles of a mesh file, or the boundary of its tetrahedra; faces with more corners are split.
+
+    Points that no triangle uses are left out. Triangles with two corners in one point are dropped with a
+    warning.
+
+    Args:
+        path: File in one of the formats of SUFFIXES.
+        placement: From file units and axes to [m] in the world; None: the file is in metres already.
+
+    Returns:
+        The surface, vertices in file order (STL: in order of first appearance), named after the file.
+
+    Raises:
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no faces.
+    """
+    file = Path(path)
+    points, cells = _read(file)
+    faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
+    if faces:
+        triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
+    elif "tetra" in cells:
+        tets = np.concatenate(cells["tetra"])
+        check_arrays(points, tets, 4, str(file))
+        triangles = boundary(TetMesh(points, tets, str(file)))
+    else:
+        raise MeshError(file, f"holds no triangles ({_found(cells)}); export a surface mesh")
+    check_arrays(points, triangles, 3, str(file))
+    triangles = drop_degenerate(triangles, file)
+    if not len(triangles):
+        raise MeshError(file, "holds only triangles with two corners in one point; the file is damaged")
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(
+        place(points[used], placement),
+        np.ascontiguousarray(renumbered.reshape(-1, 3), dtype=np.int64),
+        str(file),
+    )
+
+
+def _read(file: Path) -> tuple[Array, _Cells]:
+    """Points (n, 3) and index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...)."""
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise MeshError(
+            file, f"suffix {file.suffix!r} names no known format; known are {', '.join(SUFFIXES)}"
+        )
+    if not file.exists():
+        raise MeshError(file, "does not exist; check the path and the folder it is relative to")
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise MeshError(file, f"cannot be read: {error.strerror or error}") from error
+    if not data.strip():
+        raise MeshError(file, "is empty; export the mesh again")
+    try:
+        if suffix == ".stl":
+            points, triangles = parse_stl(data, file)
+            return points, {"triangle": [triangles]}
+        if suffix == ".obj":
+            points, triangles = parse_obj(data, file)
+            return points, {"triangle": [triangles]}
+        if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
+            points, elements = parse_gid(data, file)
+            return points, {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
+        return _read_with_meshio(file, _MESHIO_MODULES[suffix])
+    except MeshError:
+        raise
+    except (Exception, SystemExit) as error:  # parsers fail in their own ways on damaged files
+        detail = " ".join(str(error).split())
+        reason = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
+        raise MeshError(file, f"is no valid {suffix} file, or damaged or cut off ({reason})") from error
+
+
+def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:
+    # The format's own reader, not meshio.read: that one prints, and ends the process with sys.exit on a
+    # damaged file. Readers print warnings about fields we do not use; NumPy warns where text data end early,
+    # which is an error here.
+    reader = importlib.import_module(f"meshio.{module}")
+    sink = io.StringIO()
+    with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        mesh = reader.read(str(file))
+    cells: _Cells = {}
+    for block in mesh.cells:
+        cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
+    # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
+    return np.ascontiguousarray(mesh.points, dtype=np.float64), cells
+
+
+def _fans(faces: IndexArray) -> IndexArray:
+    """Triangles (a, b, c), (a, c, d), ... of faces with any number of corners, shape (k, 3)."""
+    corners = faces.shape[1]
+    fans = [faces[:, [0, second, second + 1]] for second in range(1, corners - 1)]
+    return np.stack(fans, axis=1).reshape(-1, 3)
+
+
+def _found(cells: _Cells) -> str:
+    kinds = [f"{sum(len(block) for block in blocks)} {kind}" for kind, blocks in cells.items()]
+    return f"found {', '.join(kinds)}" if kinds else "found no elements"
