@@ -182,7 +182,7 @@ class VirtualBoard:
         both.register(wake, select.POLLIN)
         idle.register(wake, select.POLLIN)
         while True:
-            events = dict(both.poll())
+            events = dict(both.poll(None if self._opened else 0))  # an opening by itself wakes no poll
             if wake in events:
                 return
             state = events.get(master, 0)
