@@ -1,0 +1,34 @@
+"""Conversions from NumPy arrays and plain numbers to ROS messages; array fields are filled from buffers."""
+
+from softsim_ros.messages.buffers import message_array
+from softsim_ros.messages.colours import stress_colours
+from softsim_ros.messages.diagnostics import diagnostic_array, diagnostic_values
+from softsim_ros.messages.marker import MarkerTemplate
+from softsim_ros.messages.meshes import point_cloud, read_point_cloud, topology
+from softsim_ros.messages.states import (
+    clock,
+    header,
+    joint_state,
+    pose,
+    pose_stamped,
+    time_message,
+    transform_stamped,
+)
+
+__all__ = [
+    "MarkerTemplate",
+    "clock",
+    "diagnostic_array",
+    "diagnostic_values",
+    "header",
+    "joint_state",
+    "message_array",
+    "point_cloud",
+    "pose",
+    "pose_stamped",
+    "read_point_cloud",
+    "stress_colours",
+    "time_message",
+    "topology",
+    "transform_stamped",
+]

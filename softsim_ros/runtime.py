@@ -1,0 +1,193 @@
+"""What every node's process shares: start, spin loop, shutdown without traceback, declared parameters."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import rclpy
+import rclpy.utilities
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.context import Context
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
+from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from softsim_core.errors import SoftSimError
+from softsim_ros.environment import prepare_environment
+
+SPIN_PERIOD_S = 0.1
+"""How long one look for work lasts: the longest time a stop flag goes unseen, in [s]."""
+
+
+class ParameterError(SoftSimError, ValueError):
+    """A parameter given at start (command line or file) has a wrong type or value."""
+
+
+class ClosableNode(Node):
+    """A node that ends its own threads and ports."""
+
+    def close(self) -> None:
+        """End threads and ports, then destroy the node; a second call does nothing."""
+        self.destroy_node()
+
+
+def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
+    """Serve callbacks until the context shuts down or `keep_going` turns false.
+
+    A loop over `spin_once`: right for every executor, also where its own `spin` does not end on shutdown.
+    """
+    with suppress(ExternalShutdownException, ShutdownException):
+        while executor.context.ok() and keep_going():
+            executor.spin_once(timeout_sec=SPIN_PERIOD_S)
+
+
+class SpinThread:
+    """Callbacks of some nodes in a thread of their own; leaving the `with` block ends and joins it."""
+
+    def __init__(self, nodes: Iterable[Node], context: Context | None = None) -> None:
+        self.executor = SingleThreadedExecutor(context=context)
+        for node in nodes:
+            self.executor.add_node(node)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(
+            target=spin, args=(self.executor, lambda: not self._stop.is_set()), name="spin"
+        )
+
+    def __enter__(self) -> SpinThread:
+        """Start the thread."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop and join the thread; the nodes are left to their owner."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop and join the thread, if it was started."""
+        self._stop.set()
+        if self._thread.is_alive():
+            with suppress(
+                Exception
+            ):  # the guard condition dies with its context; the loop ends by itself then
+                self.executor.wake()
+            self._thread.join()
+        self.executor.shutdown(timeout_sec=0)
+
+
+def run_node(build: Callable[[], ClosableNode], args: Sequence[str] | None = None) -> int:
+    """Run one node as a process: start rclpy, build, spin, end. Returns the exit code.
+
+    Ctrl-C and SIGTERM end with 0. An error of the suite (`SoftSimError`) is one sentence on stderr and 1.
+
+    Args:
+        build: Makes the node once rclpy runs.
+        args: Command line without the program name; None takes the process's own.
+    """
+    try:
+        prepare_environment()
+        rclpy.init(args=None if args is None else ["node", *args])
+    except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
+        return complain(str(error).splitlines()[0])
+    node: ClosableNode | None = None
+    code = 0
+    try:
+        node = build()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        spin(executor)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except SoftSimError as error:
+        code = complain(str(error))
+    except Exception:
+        if rclpy.utilities.ok() or node is not None:
+            raise
+        # a signal shut the context down while the node was being built: an ordinary end
+    finally:
+        with suppress(KeyboardInterrupt):
+            if node is not None:
+                node.close()
+            rclpy.utilities.try_shutdown()
+    return code
+
+
+def complain(sentence: str) -> int:
+    """Write one sentence to stderr; returns the exit code 1."""
+    sys.stderr.write(f"{sentence}\n")
+    return 1
+
+
+def declare_number(
+    node: Node, name: str, default: float, description: str, lower: float, upper: float
+) -> float:
+    """Declare a float parameter that can change at run time within [lower, upper]; returns its value.
+
+    Raises:
+        ParameterError: the value given at start is not a float or lies outside.
+    """
+    descriptor = ParameterDescriptor(
+        description=description,
+        floating_point_range=[FloatingPointRange(from_value=float(lower), to_value=float(upper), step=0.0)],
+    )
+    allowed = f"a number from {lower:g} to {upper:g}, written with a decimal point"
+    return float(_declare(node, name, float(default), descriptor, allowed))
+
+
+def declare_switch(
+    node: Node, name: str, default: bool, description: str, *, read_only: bool = False
+) -> bool:
+    """Declare a true/false parameter; returns its value.
+
+    Raises:
+        ParameterError: the value given at start is not true or false.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    return bool(_declare(node, name, default, descriptor, "true or false"))
+
+
+def declare_text(
+    node: Node,
+    name: str,
+    default: str,
+    description: str,
+    *,
+    choices: Sequence[str] = (),
+    read_only: bool = True,
+) -> str:
+    """Declare a text parameter; returns its value.
+
+    Args:
+        node: The node that owns it.
+        name: Its name.
+        default: Its value where none is given.
+        description: One sentence, shown by `ros2 param describe`.
+        choices: Allowed values; none means any text. Checked here, at start.
+        read_only: Whether it is fixed after the start.
+
+    Raises:
+        ParameterError: the value given at start is not a text or not one of `choices`.
+    """
+    constraints = f"one of: {', '.join(choices)}" if choices else ""
+    descriptor = ParameterDescriptor(
+        description=description, additional_constraints=constraints, read_only=read_only
+    )
+    value = str(_declare(node, name, default, descriptor, constraints or "a text"))
+    if choices and value not in choices:
+        raise ParameterError(f"parameter {name} = {value!r} is refused; allowed is {constraints}")
+    return value
+
+
+def _declare(node: Node, name: str, default: object, descriptor: ParameterDescriptor, allowed: str) -> Any:
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except InvalidParameterTypeException as error:
+        raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
+    except InvalidParameterValueException as error:
+        raise ParameterError(f"parameter {name} is refused; allowed is {allowed}") from error
