@@ -19,11 +19,18 @@ def _phase(elapsed: float, duration: float) -> float:
     return max(0.0, round(elapsed / duration, _DIGITS))
 
 
-def _check(duration: float, mode: str) -> None:
+def check_animation(duration: float, mode: str, delay: float = 0.0) -> None:
+    """Refuse an animation that cannot be played.
+
+    Raises:
+        SceneError: the duration in [s] is not > 0, the mode is unknown, or the delay in [s] is not >= 0.
+    """
     if not 0.0 < duration < math.inf:
         raise SceneError(f"an animation's duration must be > 0 s, not {duration}")
     if mode not in get_args(Mode):
         raise SceneError(f"unknown animation mode {mode!r}; known modes: {listing(get_args(Mode))}")
+    if not 0.0 <= delay < math.inf:
+        raise SceneError(f"an animation's delay must be >= 0 s, not {delay}")
 
 
 def factor_at(elapsed: float, duration: float, mode: Mode = "once") -> float:
@@ -41,7 +48,7 @@ def factor_at(elapsed: float, duration: float, mode: Mode = "once") -> float:
     Raises:
         SceneError: unknown mode, or a duration that is not > 0.
     """
-    _check(duration, mode)
+    check_animation(duration, mode)
     phase = _phase(elapsed, duration)
     if mode == "once":
         return min(phase, 1.0)
@@ -77,9 +84,7 @@ class Animation:
     on_done: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
-        _check(self.duration, self.mode)
-        if not 0.0 <= self.delay < math.inf:
-            raise SceneError(f"an animation's delay must be >= 0 s, not {self.delay}")
+        check_animation(self.duration, self.mode, self.delay)
 
 
 @dataclass(slots=True)

@@ -54,7 +54,7 @@ def servo(
 
     Args:
         name: Name of the joint.
-        base: Where the servo's body stands; the wheel's axis passes through its origin. At angle 0 a horn points
+        base: Where the servo's body stands, its origin on the wheel's axis. At angle 0 a horn points
             along local z, a positive angle turns it towards local x.
         limits: Range in [rad] and top speed in [rad/s].
         horn_length: Length in [m] of the arm on the wheel, for pictures only.

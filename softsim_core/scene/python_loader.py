@@ -87,7 +87,7 @@ def _errors_of(path: Path) -> Iterator[None]:
         raise ConfigError(path, _line_of(error, path), str(error)) from error
     except SyntaxError as error:
         inside = error.filename in (None, str(path))
-        line = f"line {error.lineno}" if inside else _line_of(error, path)
+        line = f"line {error.lineno}" if inside and error.lineno else _line_of(error, path)
         where = "" if inside else f" in {error.filename}, line {error.lineno}"
         raise ConfigError(path, line, f"Python syntax: {error.msg}{where}") from error
     except SceneError as error:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
-from softsim_core.actuation.animation import Mode, factor_at, is_over
+from softsim_core.actuation.animation import Mode, check_animation, factor_at, is_over
 from softsim_core.errors import SceneError
 from softsim_core.scene.description import (
     AttachmentDescription,
@@ -160,11 +160,11 @@ def animated(
         mode: "once", "loop" or "pingpong", as in `Animation`.
         delay: Simulated time of factor 0 in [s], >= 0.
     """
-    factor_at(0.0, duration, mode)  # refuse a wrong duration or mode now
+    check_animation(duration, mode, delay)
 
     def begin(simulation: Simulation) -> None:
         elapsed = simulation.time - delay
-        if elapsed > -0.5 * simulation.dt and not is_over(elapsed - simulation.dt, duration, mode):
+        if elapsed > -1e-6 * simulation.dt and not is_over(elapsed - simulation.dt, duration, mode):
             callback(simulation, factor_at(elapsed, duration, mode))
 
     return Controller(on_begin=begin)

@@ -81,6 +81,10 @@ class _Reader:
         if id(node) in self._open:
             raise ConfigError(self._file, key_path(path), "an alias points to something that contains it")
         self._open.add(id(node))
+        if not isinstance(node, self._yaml.ScalarNode) and not node.tag.endswith((":map", ":seq")):
+            raise ConfigError(
+                self._file, key_path(path), f"the YAML tag {node.tag} is not allowed; remove it"
+            )
         if isinstance(node, self._yaml.MappingNode):
             data: Any = self._mapping(node, path)
         elif isinstance(node, self._yaml.SequenceNode):

@@ -1,7 +1,7 @@
 """The scenes of the reference simulator's results, built from the reference meshes, in our units and frame.
 
-The reference works in mm, kg, s with y up; (x, y, z)_ours = 0.001 (z, x, y)_reference. It loads the silicone turned by
-+90 deg about x and shifted by 30 along y, so a point of the mesh file goes to 0.001 (y, x, 30 - z) in our frame.
+The reference works in mm, kg, s with y up; (x, y, z)_ours = 0.001 (z, x, y)_reference. It loads the silicone
+turned by +90 deg about x and shifted by 30 along y: a point of the mesh file goes to 0.001 (y, x, 30 - z).
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ def quaternion_from_reference(quaternion_xyzw: Array) -> Array:
 
 
 def silicone_mesh(reference_dir: Path, level: str) -> MeshFile:
-    """The reference's silicone mesh of level "low", "mid" or "high", placed as in the robot."""
+    """The reference's silicone mesh, level "low", "mid" or "high", placed as in the robot."""
     return MeshFile(
         file=reference_dir / "data" / "tripod" / f"tripod_{level}.gidmsh", placement=SILICONE_PLACEMENT
     )
 
 
 def held_centre(reference_dir: Path, level: str) -> SceneDescription:
-    """Silicone alone, held exactly by the box about (10, 30, 0) of the reference; no damping, qr rotations."""
+    """Silicone alone, held exactly by the box about (10, 30, 0) of the reference; no damping, qr."""
     mesh = silicone_mesh(reference_dir, level)
     overrides = {"bodies": [{"name": "silicone", "mesh": mesh, "surface": None}]}
     return load_scene("held_centre", overrides)
