@@ -1,9 +1,9 @@
-"""Incremental decoder from terminal bytes to key presses: pure, any chunking, no part of a sequence ever leaks.
+"""Incremental decoder from terminal bytes to key presses: pure, any chunking, no part of a sequence leaks.
 
 Understood: printable ASCII, control bytes, arrows and editing keys as CSI, SS3, rxvt and xterm-modifier
 sequences, the kitty protocol (CSI u), xterm's modifyOtherKeys. Swallowed whole: every other escape sequence,
-strings (OSC, DCS, APC, PM, SOS), mouse reports, bracketed pastes, Alt+key, characters outside ASCII. Ctrl+C always
-gets through.
+strings (OSC, DCS, APC, PM, SOS), mouse reports, bracketed pastes, Alt+key, characters outside ASCII. Ctrl+C
+always gets through.
 
 Source: ECMA-48 section 5.4 (shape of a control sequence); xterm control sequences; kitty keyboard protocol.
 """

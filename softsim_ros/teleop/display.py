@@ -1,0 +1,220 @@
+"""The status display: pure functions from what is known to lines of text that fit the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from softsim_core.scene.description import JointDescription, KeyBinding, SceneDescription
+from softsim_core.units import MILLIMETRE, degrees
+from softsim_ros.teleop.commands import HELP_KEY, key_table
+from softsim_ros.teleop.state import BridgeState, TeleopState
+
+BAR_WIDTHS: Final = (24, 16, 10)
+"""Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
+
+BRIDGE_TEXT: Final[dict[BridgeState, str]] = {
+    "not running": "not running",
+    "init": "init (port closed)",
+    "no-comm": "no-comm (ready, not sending)",
+    "comm": "comm (sending)",
+    "finalized": "finalized (start it again)",
+    "changing": "changing ...",
+}
+
+_NAME_WIDTH = 12
+_SIGNS = {"plus": "+", "minus": "-"}
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What is shown.
+
+    Attributes:
+        robot: Joints with limits, and keys.
+        state: What the teleop knows.
+        now: Steady clock in [s].
+        namespace: Of the robot's topics.
+    """
+
+    robot: SceneDescription
+    state: TeleopState
+    now: float
+    namespace: str
+
+
+def render(view: View, width: int, height: int) -> list[str]:
+    """The display as at most `height` lines of at most `width` printable ASCII characters.
+
+    What matters least goes first when rows are few: blank lines, the keys, the table's head, the title.
+    """
+    message = _wrap(f"> {view.state.message}" if view.state.message else ">", width)[:3]
+    joints = joint_rows(view, width)
+    sections = [  # importance (0 stays longest), lines; in the order they are shown
+        (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
+        (1, status_lines(view, width)),
+        (7, [""]),
+        (5, joints[:1]),
+        (0, joints[1:]),
+        (7, [""]),
+        (3, [f"key: {view.state.last_key or '-'}"]),
+        (2, message),
+        (7, [""]),
+        (6, _help_lines(view, width)),
+    ]
+    kept = list(sections)
+    for _ in sections:
+        if sum(len(lines) for _, lines in kept) <= height:
+            break
+        kept.remove(max(kept, key=lambda section: section[0]))
+    lines = [line for _, section in kept for line in section]
+    if not lines:  # not even the joints fit
+        lines = joints[1:]
+    return [_fit(line, width) for line in lines[:height]]
+
+
+def frame(lines: Sequence[str], height: int) -> str:
+    """The text that puts the lines on the screen: each over the old one, the rest of the screen cleared."""
+    body = "\x1b[K\r\n".join(lines)
+    below = "\x1b[K\x1b[J" if len(lines) < height else "\x1b[K"
+    return f"\x1b[?2026h\x1b[H{body}{below}\x1b[?2026l"  # 2026: shown in one go where the terminal can
+
+
+def status_lines(view: View, width: int) -> list[str]:
+    """State of the simulator, the bridge and inverse control, in one line or one each."""
+    state = view.state
+    if state.is_fresh(view.now):
+        simulator = "paused" if state.paused else "running"
+    elif state.measured is None:
+        simulator = "no data yet"
+    else:
+        simulator = "paused" if state.paused else f"no data for {view.now - state.measured_at:.0f} s"
+    parts = [f"simulator: {simulator}", f"servo bridge: {BRIDGE_TEXT[state.bridge]}"]
+    if state.inverse:
+        parts.append("inverse control: on")
+    line = "   ".join(parts)
+    return [line] if len(line) <= width else parts
+
+
+def joint_rows(view: View, width: int) -> list[str]:
+    """A head and one line a joint: name, limits, bar, commanded and measured position, as wide as fits."""
+    joints, state = view.robot.joints, view.state
+    commanded = state.commanded or (None,) * len(joints)
+    measured = state.measured or (None,) * len(joints)
+    kinds = {joint.kind for joint in joints}
+    si = "|".join(unit for kind, unit in (("revolute", "rad"), ("prismatic", "m")) if kind in kinds)
+    small = "|".join(unit for kind, unit in (("revolute", "deg"), ("prismatic", "mm")) if kind in kinds)
+    name_width = min(max((len(joint.name) for joint in joints), default=5), _NAME_WIDTH)
+    name = ["joint", *(_fit(joint.name, name_width) for joint in joints)]
+    measured_column = [f"measured {si}", *(_si(value) for value in measured)]
+    small_column = [f"{small:>6}", *(_small(j, value) for j, value in zip(joints, measured, strict=True))]
+    commanded_column = [f"command {si}", *(_si(value) for value in commanded)]
+    commanded_small = [f"{small:>6}", *(_small(j, value) for j, value in zip(joints, commanded, strict=True))]
+    lower = ["lower", *(_si(joint.limits.lower) for joint in joints)]
+    upper = ["upper", *(_si(joint.limits.upper) for joint in joints)]
+
+    def bars(bar_width: int) -> list[str]:
+        legend = "o now, | command"
+        head = legend if len(legend) <= bar_width else ""
+        return [head, *map(lambda j, m, c: bar(j, m, c, bar_width), joints, measured, commanded)]
+
+    values = [commanded_column, commanded_small, measured_column, small_column]
+    layouts = [[name, lower, bars(bar_width), upper, *values] for bar_width in BAR_WIDTHS]
+    layouts += [
+        [name, *values],
+        [name, commanded_column, measured_column],
+        [name, measured_column],
+    ]
+    tables = [_columns(layout) for layout in layouts]
+    return next((table for table in tables if all(len(row) <= width for row in table)), tables[-1])
+
+
+def bar(joint: JointDescription, measured: float | None, commanded: float | None, width: int) -> str:
+    """Where a joint stands between its limits: "[---o-|--]", o measured, | commanded, # both.
+
+    Without limits a revolute joint's bar spans a whole turn (-pi to pi), and a slide's is empty.
+    """
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if not (math.isfinite(lower) and math.isfinite(upper)) and joint.kind == "revolute":
+        lower, upper = -math.pi, math.pi
+    inner = width - 2
+    cells = ["-"] * inner
+    if math.isfinite(lower) and math.isfinite(upper) and upper > lower:
+        for value, mark in ((commanded, "|"), (measured, "o")):
+            if value is not None:
+                cell = round((min(max(value, lower), upper) - lower) / (upper - lower) * (inner - 1))
+                cells[cell] = "#" if cells[cell] == "|" else mark
+    return f"[{''.join(cells)}]"
+
+
+def key_label(name: str) -> str:
+    """A key's name as short as people write it."""
+    return _SIGNS.get(name, name.replace("_", " "))
+
+
+def _help_lines(view: View, width: int) -> list[str]:
+    if not view.state.show_help:
+        return [f"{HELP_KEY} shows the keys"]
+    table: dict[str, KeyBinding] = key_table(view.robot)
+    entries = [(key_label(key), _help_text(binding)) for key, binding in table.items()]
+    if HELP_KEY not in table:
+        entries.append((HELP_KEY, "hide the keys"))
+    label_width = max(len(label) for label, _ in entries)
+    cells = [f"{label:>{label_width}}  {text}" for label, text in entries]
+    cell_width = max(map(len, cells)) + 2
+    columns = max(1, min(3, (width + 2) // cell_width))
+    rows = -(-len(cells) // columns)
+    lines = ["".join(cell.ljust(cell_width) for cell in cells[row::rows]).rstrip() for row in range(rows)]
+    return ["keys, plain or with Ctrl (Ctrl+C quits):", *lines]
+
+
+def _help_text(binding: KeyBinding) -> str:
+    if binding.action == "send":
+        return f"{binding.help} (again: stop)"
+    if binding.action == "inverse":
+        return f"{binding.help} (again: off)"
+    return binding.help
+
+
+def _si(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4f}" if math.isfinite(value) else f"{value}"
+
+
+def _small(joint: JointDescription, value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{degrees(value):.1f}" if joint.kind == "revolute" else f"{value / MILLIMETRE:.1f}"
+
+
+def _columns(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of a table: the first column and bars to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in columns]
+    rows = zip(*columns, strict=True)
+    return [
+        " ".join(
+            cell.ljust(width) if index == 0 or column[-1].startswith("[") else cell.rjust(width)
+            for index, (cell, width, column) in enumerate(zip(row, widths, columns, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _wrap(text: str, width: int) -> list[str]:
+    """Lines of at most `width` characters, broken at blanks where there are any."""
+    lines = [""]
+    for word in text.split(" "):
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
+            lines.append("  " + word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
+    return lines
+
+
+def _fit(text: str, width: int) -> str:
+    """Printable ASCII of at most `width` characters, a cut marked by a tilde."""
+    clean = "".join(character if " " <= character <= "~" else "?" for character in text)
+    return clean if len(clean) <= width else clean[: max(width - 1, 0)] + "~"[:width]

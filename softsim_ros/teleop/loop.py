@@ -1,0 +1,70 @@
+"""The teleop's loop: keys, callbacks and display, in turn, in one thread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from rclpy.executors import Executor, TimeoutException
+
+from softsim_ros.teleop.decoder import KeyDecoder
+from softsim_ros.teleop.display import frame, render
+from softsim_ros.teleop.terminal import RawTerminal
+
+if TYPE_CHECKING:
+    from softsim_ros.teleop.teleop_node import Teleop
+
+KEY_WAIT_S: Final = 0.04
+"""Longest wait for a key in [s]; callbacks are served at least this often."""
+
+DRAW_INTERVAL_S: Final = 0.1
+TICK_INTERVAL_S: Final = 0.25
+
+_CALLBACKS_AT_ONCE = 32
+
+
+def run_teleop(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
+    """Drive the robot from a terminal until a key quits, the context shuts down or the terminal is gone.
+
+    Args:
+        node: The teleop; may share its process with other nodes that spin in threads of their own.
+        terminal: Entered already.
+        serve_callbacks: Runs the node's callbacks that are ready, without waiting, such as
+            `lambda: ready_callbacks(executor)`.
+    """
+    decoder = KeyDecoder()
+    shown: tuple[list[str], tuple[int, int]] | None = None
+    next_draw = next_tick = time.monotonic()
+    while node.context.ok() and not node.quit_requested:
+        data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
+        if data is None:
+            return
+        serve_callbacks()  # before the keys: a step starts from the newest measured position
+        now = time.monotonic()
+        for key in decoder.flush(now) + decoder.feed(data, now):
+            node.handle_key(key, now)
+            if node.quit_requested:
+                return
+        if now >= next_tick:
+            node.tick(now)
+            next_tick = now + TICK_INTERVAL_S
+        if now >= next_draw:
+            size = terminal.size
+            content = (render(node.view(now), *size), size)
+            if terminal.take_redraw() or content != shown:
+                terminal.write(frame(content[0], size[1]))
+                shown = content
+            next_draw = now + DRAW_INTERVAL_S
+
+
+def ready_callbacks(executor: Executor) -> None:
+    """Run the callbacks that are ready now, at most a few dozen, without waiting."""
+    for _ in range(_CALLBACKS_AT_ONCE):
+        try:
+            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+        except TimeoutException:
+            return
+        handler()
+        if (error := handler.exception()) is not None:
+            raise error

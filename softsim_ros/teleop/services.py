@@ -1,0 +1,64 @@
+"""Services called without ever blocking: one call at a time each, given up after a while."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+ANSWER_WITHIN_S: Final = 8.0
+"""Time in [s] after which a call without an answer is given up; a port may take a few seconds to open."""
+
+Answered = Callable[[Any], None]
+"""Called with the response, or with None when the call failed or was given up."""
+
+
+class AsyncService:
+    """One service of another node.
+
+    Args:
+        node: The node whose executor delivers the answers.
+        kind: Service type.
+        name: Service name, relative to the node's namespace.
+    """
+
+    def __init__(self, node: Node, kind: Any, name: str) -> None:
+        self.name = name
+        self._client = node.create_client(kind, name)
+        self._future: Future | None = None
+        self._answered: Answered | None = None
+        self._called_at = 0.0
+
+    @property
+    def is_there(self) -> bool:
+        """A server has been found."""
+        return bool(self._client.service_is_ready())
+
+    @property
+    def is_busy(self) -> bool:
+        """A call is under way."""
+        return self._future is not None
+
+    def call(self, request: Any, now: float, answered: Answered) -> None:
+        """Send a request; `answered` is called later from the executor. Only while not busy."""
+        self._called_at, self._answered = now, answered
+        self._future = self._client.call_async(request)
+        self._future.add_done_callback(self._on_done)
+
+    def expire(self, now: float) -> None:
+        """Give up a call that has waited too long; `now` is a steady clock in [s]."""
+        if self._future is not None and now - self._called_at > ANSWER_WITHIN_S:
+            self._client.remove_pending_request(self._future)
+            self._future.cancel()
+            self._finish(None)
+
+    def _on_done(self, future: Future) -> None:
+        if future is self._future:  # else an answer to a call given up before
+            self._finish(None if future.exception() is not None else future.result())
+
+    def _finish(self, response: Any) -> None:
+        answered, self._answered, self._future = self._answered, None, None
+        if answered is not None:
+            answered(response)

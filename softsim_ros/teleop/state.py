@@ -1,0 +1,113 @@
+"""What the teleop knows: measured and commanded joints, the robot's nodes, the last key; immutable, SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal, TypeAlias
+
+from softsim_core.scene.description import SceneDescription
+
+STALE_AFTER_S: Final = 2.0
+"""Age in [s] from which measured positions are no longer a base for a command."""
+
+SETTLING_S: Final = 0.5
+"""Time in [s] a joint gets, beyond its travel at top speed, to reach a command."""
+
+REACHED: Final = 0.02
+"""A joint that is this near to its command, in [rad] or [m], is there (a compliant servo sags a little)."""
+
+_REMEMBERED_ECHOES: Final = 32
+
+BridgeState: TypeAlias = Literal["not running", "init", "no-comm", "comm", "finalized", "changing"]
+
+
+@dataclass(frozen=True, slots=True)
+class TeleopState:
+    """Everything a key press depends on and the display shows.
+
+    Attributes:
+        measured: Measured joint positions in [rad] or [m], joint order; None before the first message.
+        measured_at: Time of the newest measurement, steady clock, in [s].
+        commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
+        trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
+        echoes: Own commands that have not come back on the topic yet, oldest first.
+        paused: The simulator was told to pause, and did.
+        inverse: Inverse control was enabled from here; it owns the command topic.
+        bridge: State of the servo bridge.
+        seen_at: When each key was last seen, repeats included, in [s].
+        acted_at: When each key last had an effect, in [s].
+        last_key: Label of the newest key.
+        message: Newest sentence for the person.
+        show_help: The key table is shown.
+    """
+
+    measured: tuple[float, ...] | None = None
+    measured_at: float = -math.inf
+    commanded: tuple[float, ...] | None = None
+    trusted_until: float = -math.inf
+    echoes: tuple[tuple[float, ...], ...] = ()
+    paused: bool = False
+    inverse: bool = False
+    bridge: BridgeState = "not running"
+    seen_at: Mapping[str, float] = field(default_factory=dict)
+    acted_at: Mapping[str, float] = field(default_factory=dict)
+    last_key: str = ""
+    message: str = ""
+    show_help: bool = True
+
+    def is_fresh(self, now: float) -> bool:
+        """Whether the measured positions are recent enough to command from, at `now` in [s]."""
+        return self.measured is not None and now - self.measured_at <= STALE_AFTER_S
+
+
+def with_measurement(state: TeleopState, positions: Sequence[float], now: float) -> TeleopState:
+    """The state after a measurement of all joints; a non-finite one is reported and not used."""
+    if not all(map(math.isfinite, positions)):
+        return replace(state, message="a joint position that is not a finite number arrived and was ignored")
+    return replace(state, measured=tuple(positions), measured_at=now)
+
+
+def with_heard_command(
+    state: TeleopState, robot: SceneDescription, values: Sequence[float], now: float
+) -> TeleopState:
+    """The state after a command on the topic: our own changes nothing, another's becomes the newest."""
+    heard = tuple(values)
+    if heard in state.echoes:
+        return replace(state, echoes=state.echoes[state.echoes.index(heard) + 1 :])
+    if len(heard) != len(robot.joints) or not all(map(math.isfinite, heard)):
+        return state  # the simulator refuses it and says so
+    return with_command(state, robot, heard, now)
+
+
+def with_command(
+    state: TeleopState, robot: SceneDescription, values: tuple[float, ...], now: float, *, own: bool = False
+) -> TeleopState:
+    """The state once `values` are on their way to the joints; `own`: they will be heard back on the topic."""
+    start = state.measured or values
+    travel = max(
+        (abs(b - a) / joint.limits.speed for a, b, joint in zip(start, values, robot.joints, strict=True)),
+        default=0.0,
+    )
+    return replace(
+        state,
+        commanded=values,
+        trusted_until=now + travel + SETTLING_S,
+        echoes=(*state.echoes, values)[-_REMEMBERED_ECHOES:] if own else state.echoes,
+    )
+
+
+def held_positions(state: TeleopState, now: float) -> tuple[float, ...]:
+    """What to command joints that a key does not move: their command, or where they are if it was overridden.
+
+    A joint keeps its command while it may still be moving there, or stands there; otherwise something else (a
+    trajectory, a reset) moved it, and an old command must not pull it back.
+    """
+    assert state.measured is not None
+    if state.commanded is None:
+        return state.measured
+    return tuple(
+        command if now <= state.trusted_until or abs(command - position) <= REACHED else position
+        for command, position in zip(state.commanded, state.measured, strict=True)
+    )

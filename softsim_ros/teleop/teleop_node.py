@@ -1,0 +1,269 @@
+"""ROS node `teleop`: keys in, joint commands and service calls out, the robot's state for the display."""
+
+from __future__ import annotations
+
+import signal
+import time
+from array import array
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import Log
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.utilities import ok, try_shutdown
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from softsim_core.errors import SoftSimError
+from softsim_core.scene import SceneDescription, load_scene
+from softsim_core.scene.description import Action
+from softsim_ros.environment import prepare_environment
+from softsim_ros.runtime import complain, declare_number, declare_text
+from softsim_ros.teleop.bridge_link import BridgeLink
+from softsim_ros.teleop.commands import (
+    REPEAT_INTERVAL_S,
+    CallAction,
+    Effect,
+    PublishCommand,
+    press,
+    unknown_keys,
+)
+from softsim_ros.teleop.decoder import KeyPress
+from softsim_ros.teleop.display import View
+from softsim_ros.teleop.held_output import HeldOutput
+from softsim_ros.teleop.loop import ready_callbacks, run_teleop
+from softsim_ros.teleop.services import AsyncService
+from softsim_ros.teleop.state import (
+    BridgeState,
+    TeleopState,
+    with_command,
+    with_heard_command,
+    with_measurement,
+)
+from softsim_ros.teleop.terminal import RawTerminal
+
+DEFAULT_ROBOT = "tripod"
+_NEWEST_ONLY = QoSProfile(depth=1)  # reliable, volatile
+
+
+class Teleop(Node):
+    """Thin: parameters, topics and services; what a key does is decided in `commands`.
+
+    Topics (relative to the robot's namespace): `position_controller/commands` out, and in again to see the
+    commands of others; `joint_states` in; warnings of the robot's nodes from `/rosout` in. Services called:
+    `simulator/start`, `simulator/reset`, `simulator/pause`, `inverse_controller/enable`, and the lifecycle
+    services of `servo_bridge`.
+
+    Args:
+        robot: Joints, limits, poses and keys.
+        **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used (a
+            remapping on the command line wins over both).
+    """
+
+    def __init__(self, robot: SceneDescription, **node_options: Any) -> None:
+        super().__init__("teleop", **{"namespace": robot.name, **node_options})
+        declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
+        declare_number(
+            self,
+            "repeat_interval",
+            REPEAT_INTERVAL_S,
+            "shortest time between two steps of one held key [s]",
+            0.02,
+            2.0,
+        )
+        self.robot = robot
+        self.state = TeleopState(message=unknown_keys(robot) or "")
+        self.quit_requested = False
+        self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
+        self._commands = self.create_publisher(
+            Float64MultiArray, "position_controller/commands", _NEWEST_ONLY
+        )
+        self.create_subscription(
+            Float64MultiArray, "position_controller/commands", self._on_command, _NEWEST_ONLY
+        )
+        self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
+        self.create_subscription(Log, "/rosout", self._on_log, 10)
+        self._start = AsyncService(self, Trigger, "simulator/start")
+        self._reset = AsyncService(self, Trigger, "simulator/reset")
+        self._pause = AsyncService(self, SetBool, "simulator/pause")
+        self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
+        self._bridge = BridgeLink(self, self._on_bridge, self.say)
+
+    def close(self) -> None:
+        """End the node."""
+        self.destroy_node()
+
+    def view(self, now: float) -> View:
+        """What the display shows at `now`, steady clock in [s]."""
+        return View(self.robot, self.state, now, self.get_namespace())
+
+    def say(self, message: str) -> None:
+        """Show one sentence."""
+        self.state = replace(self.state, message=message)
+
+    def handle_key(self, key: KeyPress, now: float) -> None:
+        """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
+        interval = float(self.get_parameter("repeat_interval").value)
+        self.state, effects = press(self.state, self.robot, key, now, interval)
+        for effect in effects:
+            self._carry_out(effect, now)
+
+    def tick(self, now: float) -> None:
+        """Housekeeping a few times a second: the bridge's state, calls without an answer."""
+        self._bridge.poll(now)
+        for service in (self._start, self._reset, self._pause, self._inverse):
+            service.expire(now)
+
+    def _carry_out(self, effect: Effect, now: float) -> None:
+        if isinstance(effect, PublishCommand):
+            self._commands.publish(Float64MultiArray(data=array("d", effect.values)))
+        elif isinstance(effect, CallAction):
+            self._call(effect.action, now)
+        else:
+            self.quit_requested = True
+
+    def _call(self, action: Action, now: float) -> None:
+        if action == "start":
+            self._ask("simulator", self._start, Trigger.Request(), now, self._on_started)
+        elif action == "reset":
+            self._ask("simulator", self._reset, Trigger.Request(), now, self._on_reset)
+        elif action == "pause":
+            pause = not self.state.paused
+            self._ask(
+                "simulator", self._pause, SetBool.Request(data=pause), now, lambda: self._on_paused(pause)
+            )
+        elif action == "inverse":
+            enable = not self.state.inverse
+            self._ask(
+                "inverse control",
+                self._inverse,
+                SetBool.Request(data=enable),
+                now,
+                lambda: self._on_inverse(enable),
+            )
+        elif action == "send":
+            self._bridge.toggle(now)
+
+    def _ask(self, who: str, service: AsyncService, request: Any, now: float, done: Any) -> None:
+        """Call a service that answers success and a sentence; `done` is called on success."""
+
+        def answered(response: Any) -> None:
+            if response is None:
+                self.say(f"{who}: no answer from {service.name}")
+            elif not response.success:
+                self.say(f"{who}: {response.message or 'refused without a reason'}")
+            else:
+                done()
+                if response.message:
+                    self.say(f"{who}: {response.message}")
+
+        if service.is_busy:
+            self.say(f"{who}: still busy with {service.name}")
+        elif not service.is_there:
+            self.say(f"{who} is not running (no service {self.resolve_service_name(service.name)})")
+        else:
+            service.call(request, now, answered)
+
+    def _on_started(self) -> None:
+        start = self.robot.start
+        if start is not None and self.state.measured is not None:
+            pose = self.robot.poses[start.pose]
+            self.state = with_command(self.state, self.robot, tuple(pose), time.monotonic())
+        self.say("start pose")
+
+    def _on_reset(self) -> None:
+        self.state = replace(self.state, commanded=None, inverse=False)
+        self.say("simulation reset")
+
+    def _on_paused(self, paused: bool) -> None:
+        self.state = replace(self.state, paused=paused)
+        self.say("simulation paused" if paused else "simulation goes on")
+
+    def _on_inverse(self, enabled: bool) -> None:
+        self.state = replace(self.state, inverse=enabled)
+        self.say(f"inverse control is {'on' if enabled else 'off'}")
+
+    def _on_bridge(self, state: BridgeState) -> None:
+        if state != self.state.bridge:
+            self.state = replace(self.state, bridge=state)
+
+    def _on_joint_states(self, message: JointState) -> None:
+        names = tuple(message.name)
+        if names != self._joint_order[0]:
+            self._joint_order = (names, self._order_of(names))
+        order = self._joint_order[1]
+        if order is None or len(message.position) != len(names):
+            return
+        positions = [message.position[index] for index in order]
+        self.state = with_measurement(self.state, positions, time.monotonic())
+
+    def _order_of(self, names: Sequence[str]) -> list[int] | None:
+        missing = [joint for joint in self.robot.joint_names if joint not in names]
+        if missing:
+            self.say(f"joint_states of another robot: {', '.join(missing)} not in {', '.join(names) or 'it'}")
+            return None
+        return [names.index(joint) for joint in self.robot.joint_names]
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.state = with_heard_command(self.state, self.robot, message.data, time.monotonic())
+
+    def _on_log(self, message: Log) -> None:
+        """Show warnings and errors of the robot's other nodes."""
+        space, _, name = message.name.rpartition(".")
+        if message.level < Log.WARN:
+            return
+        if "/" + space.replace(".", "/") == self.get_namespace().rstrip("/") and name != self.get_name():
+            self.say(f"{name}: {' '.join(message.msg.split())}")
+
+
+def requested_robot() -> str:
+    """The parameter `robot` given to this process, read before the node takes its namespace from it."""
+    probe = rclpy.create_node(
+        "teleop", namespace=DEFAULT_ROBOT, enable_rosout=False, start_parameter_services=False
+    )
+    try:
+        return declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
+    finally:
+        probe.destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the teleop in this terminal. Returns 0 after quitting or a signal, 1 after an error in one sentence.
+
+    Args:
+        args: Command line without the program name; None takes the process's own.
+    """
+    prepare_environment()
+    try:
+        rclpy.init(args=None if args is None else ["teleop", *args])
+    except Exception as error:  # rclpy raises classes of its extension here, for wrong --ros-args
+        return complain(str(error).splitlines()[0])
+    node: Teleop | None = None
+    code = 0
+    try:
+        node = Teleop(load_scene(requested_robot()))
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        # SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order
+        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+            run_teleop(node, terminal, lambda: ready_callbacks(executor))
+    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
+        pass
+    except SoftSimError as error:
+        code = complain(str(error))
+    except Exception:
+        if ok():
+            raise
+        # a signal shut the context down in the middle of a call: an ordinary end
+    finally:
+        with suppress(KeyboardInterrupt):
+            if node is not None:
+                node.close()
+            try_shutdown()
+    return code
