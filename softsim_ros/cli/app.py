@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from softsim_ros.cli.environment import MixedRosError, prepare
+from softsim_ros.environment import MixedRosError, prepare_environment
 
 
 class Command(NamedTuple):
@@ -68,7 +68,7 @@ def _dispatch(words: Sequence[str]) -> int:
     if name not in COMMANDS:
         parser.exit(EXIT_USAGE, f"softsim: unknown command '{name}'; known commands: {', '.join(COMMANDS)}\n")
     command = COMMANDS[name]
-    prepare()
+    prepare_environment()
     module = importlib.import_module(command.module)
     own = argparse.ArgumentParser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
     module.configure(own)

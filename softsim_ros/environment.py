@@ -1,4 +1,4 @@
-"""Environment variables every command needs, set in one place and only where the user has not set them."""
+"""Environment variables that ROS needs, set in one place and only where the user has not set them."""
 
 from __future__ import annotations
 
@@ -29,34 +29,32 @@ def system_ros(environment: MutableMapping[str, str]) -> str | None:
     return None
 
 
-def set_defaults(environment: MutableMapping[str, str], prefix: Path, home: Path, wheels: bool) -> None:
-    """Fill in what ROS needs and the user has not set.
+def set_defaults(environment: MutableMapping[str, str], prefix: Path) -> None:
+    """Fill in what ROS needs and the user has not set: discovery on this machine, a log folder, the index.
 
     Args:
         environment: Changed in place.
         prefix: Root of the Python environment.
-        home: The user's home folder; where it cannot be written, logs go to the temporary folder.
-        wheels: Whether ROS comes from the pip wheels in `prefix`.
     """
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if not os.access(home, os.W_OK):
-        log = Path(tempfile.gettempdir()) / f"softsim-log-{os.getuid()}"
-        environment.setdefault("ROS_LOG_DIR", str(log))
-    if wheels:  # the package index of the wheels lies in the environment itself
+    if "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
+        logs = Path(environment.get("HOME", "/nonexistent")) / ".ros" / "log"
+        if not _is_writable(logs):
+            environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / f"ros-log-{os.getuid()}")
+    if has_ros_wheels(prefix):  # the package index of the wheels lies in the environment itself
         prefixes = [part for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]
         if str(prefix) not in prefixes:
             environment["AMENT_PREFIX_PATH"] = os.pathsep.join([*prefixes, str(prefix)])
 
 
-def prepare() -> None:
-    """Set the defaults for this process; start it again where another environment left its mark.
+def prepare_environment() -> None:
+    """Set the defaults for this process; call it before rclpy starts.
 
     Raises:
         MixedRosError: /opt/ros is sourced although this environment has ROS wheels of its own.
     """
     prefix = Path(sys.prefix)
-    wheels = has_ros_wheels(prefix)
-    if wheels:
+    if has_ros_wheels(prefix):
         other = system_ros(os.environ)
         if other is not None:
             raise MixedRosError(
@@ -66,6 +64,16 @@ def prepare() -> None:
             )
         libraries = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
         if os.environ.get(BOOTSTRAP_MARK) and str(prefix / "lib") not in libraries:
-            del os.environ[BOOTSTRAP_MARK]
-            os.execv(sys.executable, sys.orig_argv)  # the wheels set the library path at the start of Python
-    set_defaults(os.environ, prefix, Path(os.environ.get("HOME", "/nonexistent")), wheels)
+            del os.environ[
+                BOOTSTRAP_MARK
+            ]  # of another environment; the wheels set the path at Python's start
+            os.execv(sys.executable, sys.orig_argv)
+    set_defaults(os.environ, prefix)
+
+
+def _is_writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)

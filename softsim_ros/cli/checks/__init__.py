@@ -1,0 +1,1 @@
+"""The checks of `softsim doctor`: each a function that returns its findings."""

@@ -1,0 +1,187 @@
+"""A look at the ROS graph from outside: topics, one topic's messages, one topic's rate."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from statistics import fmean
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import ok, try_shutdown
+
+from softsim_ros.cli.message_text import message_text
+
+SETTLED_S = 1.0
+"""The graph counts as known when nothing new has appeared for this long."""
+DISCOVERY_S = 4.0
+"""Longest wait for the first sign of another node."""
+TURN_S = 0.1
+REPORT_S = 1.0
+
+OWN_NAME = "_softsim_topics"
+
+
+def where() -> str:
+    """Which part of the ROS network this process sees, in words."""
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    return f"domain {domain}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
+
+
+@contextlib.contextmanager
+def observer() -> Iterator[Node]:
+    """A node that only looks; Ctrl-C inside the `with` block ends it quietly."""
+    rclpy.init(args=[])
+    node = Node(OWN_NAME, enable_rosout=False, start_parameter_services=False)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        try_shutdown()
+
+
+def topic_rows(node: Node, hidden: tuple[str, ...] = ()) -> list[tuple[str, str, int, int]]:
+    """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled."""
+
+    def look() -> list[tuple[str, str, int, int]]:
+        rows = []
+        for name, types in node.get_topic_names_and_types():
+            others = [
+                sum(info.node_name != OWN_NAME for info in infos)
+                for infos in (
+                    node.get_publishers_info_by_topic(name),
+                    node.get_subscriptions_info_by_topic(name),
+                )
+            ]
+            if name not in hidden and any(others):
+                rows.append((name, ", ".join(types), others[0], others[1]))
+        return sorted(rows)
+
+    rows, began = look(), time.monotonic()
+    changed = began
+    while ok() and time.monotonic() - changed < (SETTLED_S if rows else DISCOVERY_S):
+        _turn(node)
+        newer = look()
+        if newer != rows:
+            rows, changed = newer, time.monotonic()
+    return rows
+
+
+def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int | None, wait_s: float) -> int:
+    """Print a topic's messages, or its rate once a second, until Ctrl-C or `count` lines.
+
+    Args:
+        node: The looking node.
+        topic: Name, with or without the leading slash.
+        show: True prints messages, False rates.
+        count: How many; None: until Ctrl-C.
+        limit: Longest array printed whole; None: any.
+        wait_s: Longest wait for a publisher in [s].
+
+    Returns:
+        Exit code.
+    """
+    topic = topic if topic.startswith("/") else f"/{topic}"
+    deadline = time.monotonic() + wait_s
+    infos = node.get_publishers_info_by_topic(topic)
+    while ok() and not infos and time.monotonic() < deadline:
+        _turn(node)
+        infos = node.get_publishers_info_by_topic(topic)
+    if not infos:
+        if ok():
+            known = ", ".join(row[0] for row in topic_rows(node)) or "none"
+            print(f"softsim topics: nobody publishes {topic} in {where()}; known: {known}", file=sys.stderr)
+        return 1
+    type_name = infos[0].topic_type
+    try:
+        message_class = load_message(type_name)
+    except (ImportError, AttributeError):
+        print(f"softsim topics: the type {type_name} of {topic} is not installed here", file=sys.stderr)
+        return 1
+    seen = _Echo(limit) if show else _Rate()
+    raw = not show  # a rate needs no decoding
+    node.create_subscription(message_class, topic, seen, matching_qos(infos), raw=raw)
+    while ok() and (count is None or seen.lines < count):
+        _turn(node)
+        seen.report()
+    return 0
+
+
+def load_message(type_name: str) -> type:
+    """The class of a type such as "sensor_msgs/msg/JointState".
+
+    Raises:
+        ImportError, AttributeError: its package is not installed, or has no such type.
+    """
+    package, _, name = type_name.split("/")
+    loaded: type = getattr(importlib.import_module(f"{package}.msg"), name)
+    return loaded
+
+
+def matching_qos(publishers: list[Any]) -> QoSProfile:
+    """A subscriber's QoS that hears all of these publishers, latched messages too where all latch."""
+    profiles = [info.qos_profile for info in publishers]
+    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+    return QoSProfile(
+        depth=10,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def _turn(node: Node) -> None:
+    with contextlib.suppress(ExternalShutdownException):
+        rclpy.spin_once(node, timeout_sec=TURN_S)
+
+
+class _Echo:
+    """Prints each message."""
+
+    def __init__(self, limit: int | None) -> None:
+        self.limit, self.lines = limit, 0
+
+    def __call__(self, message: Any) -> None:
+        self.lines += 1
+        print(f"{message_text(message, self.limit)}\n---", flush=True)
+
+    def report(self) -> None:
+        """Nothing to add between messages."""
+
+
+class _Rate:
+    """Counts messages and prints their rate once a second."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.clock, self.lines = clock, 0
+        self.times: list[float] = []
+        self.sizes: list[int] = []
+        self.since = clock()
+
+    def __call__(self, message: bytes) -> None:
+        self.times.append(self.clock())
+        self.sizes.append(len(message))
+
+    def report(self) -> None:
+        """Print a line when a second has passed."""
+        now = self.clock()
+        if now - self.since < REPORT_S:
+            return
+        gaps = [later - sooner for sooner, later in zip(self.times, self.times[1:], strict=False)]
+        if gaps:
+            text = (
+                f"{1.0 / fmean(gaps):.1f} Hz  gaps {1e3 * min(gaps):.1f} to {1e3 * max(gaps):.1f} ms  "
+                f"{fmean(self.sizes):.0f} bytes a message"
+            )
+        else:
+            text = "no message in the last second" if not self.times else "one message in the last second"
+        print(text, flush=True)
+        self.lines += 1
+        self.times, self.sizes, self.since = self.times[-1:], self.sizes[-1:], now

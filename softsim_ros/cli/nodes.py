@@ -1,0 +1,29 @@
+"""The ROS nodes of the suite by name, as `softsim run` and `ros2 run` know them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class NodeEntry(NamedTuple):
+    """A node: the module whose `main(args)` runs it, the ROS package it belongs to, one line of help."""
+
+    module: str
+    package: str
+    help: str
+
+
+NODES = {
+    "simulator": NodeEntry(
+        "softsim_ros.simulator.simulator_node", "softsim_ros", "simulates a robot or scene (robot:=tripod)"
+    ),
+    "teleop": NodeEntry(
+        "softsim_ros.teleop.teleop_node", "softsim_ros", "drives a robot from this terminal's keys"
+    ),
+    "servo_bridge": NodeEntry(
+        "servo_bridge.bridge_node", "servo_bridge", "writes servo packets to a serial port (port:=/dev/...)"
+    ),
+    "virtual_board": NodeEntry(
+        "servo_bridge.virtual_board_node", "servo_bridge", "a serial servo board on a pseudo-terminal"
+    ),
+}

@@ -1,0 +1,54 @@
+"""`softsim test`: the test suite of the checkout, two workers, under a time limit."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+LIMIT_S = {False: 2700, True: 600}
+"""Time limits in [s]; a quick run takes under two minutes."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--quick", action="store_true", help="leave the slow tests out")
+    parser.add_argument(
+        "--workers", default="2", metavar="N", help="test processes (default 2; 0: in this one)"
+    )
+    parser.usage = "softsim test [--quick] [--workers N] [pytest arguments]"
+    parser.epilog = "Everything else goes to pytest: softsim test tests/unit -k codec"
+
+
+def command(arguments: argparse.Namespace, root: Path) -> list[str]:
+    """The command line that runs the tests of the checkout at `root`."""
+    words = [sys.executable, "-m", "pytest", f"--rootdir={root}", "-c", str(root / "pyproject.toml")]
+    words += ["-n", arguments.workers, "--dist=loadfile"]
+    if arguments.quick:
+        words += ["-m", "not slow"]
+    timeout = shutil.which("timeout")
+    limit = [timeout, "--foreground", "-k", "30", str(LIMIT_S[arguments.quick])] if timeout else []
+    return [*limit, *words, *arguments.rest]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Hand over to pytest; its exit code is the command's (124: the time limit was reached)."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / "tests").is_dir():
+        print(
+            f"softsim test: no tests beside the installed package ({root}); use a checkout", file=sys.stderr
+        )
+        return 1
+    if importlib.util.find_spec("pytest") is None or importlib.util.find_spec("xdist") is None:
+        print("softsim test: pytest or pytest-xdist is missing; pip install 'softsim[test]'", file=sys.stderr)
+        return 1
+    _become(command(arguments, root), root)
+
+
+def _become(words: list[str], folder: Path) -> NoReturn:
+    os.chdir(folder)
+    os.execvp(words[0], words)
