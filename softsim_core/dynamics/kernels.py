@@ -12,6 +12,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numba import njit
 
+from softsim_core.dynamics.simd import LANES, ROWS, add_block, add_to, solve_rows, tile_one, tile_two
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -80,7 +82,17 @@ def nearest_rotation(f, r):  # type: ignore[no-untyped-def]
     c21 = f[0, 2] * f[1, 0] - f[0, 0] * f[1, 2]
     c22 = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
     det = f[0, 0] * c00 + f[0, 1] * c01 + f[0, 2] * c02
-    cc = c00 * c00 + c01 * c01 + c02 * c02 + c10 * c10 + c11 * c11 + c12 * c12 + c20 * c20 + c21 * c21 + c22 * c22
+    cc = (
+        c00 * c00
+        + c01 * c01
+        + c02 * c02
+        + c10 * c10
+        + c11 * c11
+        + c12 * c12
+        + c20 * c20
+        + c21 * c21
+        + c22 * c22
+    )
     ff = 0.0
     for i in range(3):
         for j in range(3):
@@ -173,32 +185,10 @@ def element_forces(x, v, lag, nodes, e, h, lam, mu, forces):  # type: ignore[no-
 
 
 @kernel
-def add_free_block(panels, start, stride, ha, hb, lam, mu, diagonal):  # type: ignore[no-untyped-def]
-    """Add the stiffness block of two free nodes (a eliminated first) to a panel; its upper triangle on the diagonal."""
-    a0, a1, a2 = ha[0], ha[1], ha[2]
-    b0, b1, b2 = hb[0], hb[1], hb[2]
-    d = mu * (a0 * b0 + a1 * b1 + a2 * b2)
-    row = start
-    panels[row] += (lam + mu) * a0 * b0 + d
-    panels[row + 1] += lam * a0 * b1 + mu * b0 * a1
-    panels[row + 2] += lam * a0 * b2 + mu * b0 * a2
-    row = start + stride
-    panels[row + 1] += (lam + mu) * a1 * b1 + d
-    panels[row + 2] += lam * a1 * b2 + mu * b1 * a2
-    if not diagonal:
-        panels[row] += lam * a1 * b0 + mu * b1 * a0
-    row = start + 2 * stride
-    panels[row + 2] += (lam + mu) * a2 * b2 + d
-    if not diagonal:
-        panels[row] += lam * a2 * b0 + mu * b2 * a0
-        panels[row + 1] += lam * a2 * b1 + mu * b2 * a1
-
-
-@kernel
 def assemble_free(x, v, lag, scale, polar, elements, panels, forces):  # type: ignore[no-untyped-def]
     """Elements whose four nodes are free: forces, and ten blocks each straight into the panels."""
     nodes, corners, gradients, lame, starts, strides = elements
-    h = np.empty((4, 3))
+    h = np.zeros((4, 4))
     for e in range(len(nodes)):
         if polar:
             polar_gradients(x, nodes, gradients, e, h)
@@ -209,17 +199,31 @@ def assemble_free(x, v, lag, scale, polar, elements, panels, forces):  # type: i
         pair = 0
         for a in range(4):
             for b in range(a, 4):
-                add_free_block(panels, starts[e, pair], strides[e, a], h[a], h[b], lam, mu, a == b)
+                add_block(panels, starts[e, pair], strides[e, a], h, a, b, lam, mu)
                 pair += 1
 
 
 @kernel
 def assemble_mixed(  # type: ignore[no-untyped-def]
-    x, v, lag, scale, polar, elements, counts, zone_index, zone_jacobian, zone_border, zone_size, bpos, panels, schur, forces
+    x,
+    v,
+    lag,
+    scale,
+    polar,
+    elements,
+    counts,
+    zone_index,
+    zone_jacobian,
+    zone_border,
+    zone_size,
+    bpos,
+    panels,
+    schur,
+    forces,
 ):
     """Elements with nodes in zones or held: free nodes first, then nodes of moving zones, then held ones."""
     nodes, corners, gradients, lame, starts, strides = elements
-    h = np.empty((4, 3))
+    h = np.zeros((4, 4))
     column = np.empty(3)
     for e in range(len(nodes)):
         if polar:
@@ -232,7 +236,7 @@ def assemble_mixed(  # type: ignore[no-untyped-def]
         pair = 0
         for a in range(free):
             for b in range(a, free):
-                add_free_block(panels, starts[e, pair], strides[e, a], h[a], h[b], lam, mu, a == b)
+                add_block(panels, starts[e, pair], strides[e, a], h, a, b, lam, mu)
                 pair += 1
         for b in range(free, free + moving):
             z = zone_index[nodes[e, b]]
@@ -261,8 +265,22 @@ def assemble_mixed(  # type: ignore[no-untyped-def]
 
 @kernel
 def assemble_nodes(  # type: ignore[no-untyped-def]
-    v, h, rayleigh_mass, nodal, free_nodes, row_offset, stride, position, zone_nodes, zone_jacobian, zone_border,
-    zone_size, panels, schur, forces
+    v,
+    h,
+    rayleigh_mass,
+    nodal,
+    free_nodes,
+    row_offset,
+    stride,
+    position,
+    right,
+    zone_nodes,
+    zone_jacobian,
+    zone_border,
+    zone_size,
+    panels,
+    schur,
+    forces,
 ):
     """Masses, soft fixings and right-hand side of free nodes and of nodes in moving zones.
 
@@ -274,7 +292,7 @@ def assemble_nodes(  # type: ignore[no-untyped-def]
         start, step = row_offset[f], stride[f]
         for i in range(3):
             panels[start + i * step + position[f] + i] += diagonal
-            panels[start + i * step + step - 1] = h * (forces[node, i] - rayleigh_mass * mass * v[node, i])
+            panels[start + i * step + right[f]] = h * (forces[node, i] - rayleigh_mass * mass * v[node, i])
     last = schur.shape[1] - 1
     for z in range(len(zone_nodes)):
         node = zone_nodes[z]
@@ -289,92 +307,91 @@ def assemble_nodes(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def subtract_outer(target, place, source, first, stride, count, length):  # type: ignore[no-untyped-def]
-    """target[place + j] -= sum_k source[first + k stride] * source[first + k stride + j], j < length, k < count."""
-    k = 0
-    while k + 6 <= count:
-        p0 = first + k * stride
-        p1, p2, p3, p4, p5 = p0 + stride, p0 + 2 * stride, p0 + 3 * stride, p0 + 4 * stride, p0 + 5 * stride
-        c0, c1, c2, c3, c4, c5 = source[p0], source[p1], source[p2], source[p3], source[p4], source[p5]
-        for j in range(length):
-            target[place + j] -= (
-                c0 * source[p0 + j]
-                + c1 * source[p1 + j]
-                + c2 * source[p2 + j]
-                + c3 * source[p3 + j]
-                + c4 * source[p4 + j]
-                + c5 * source[p5 + j]
-            )
-        k += 6
-    while k + 3 <= count:
-        p0 = first + k * stride
-        p1, p2 = p0 + stride, p0 + 2 * stride
-        c0, c1, c2 = source[p0], source[p1], source[p2]
-        for j in range(length):
-            target[place + j] -= c0 * source[p0 + j] + c1 * source[p1 + j] + c2 * source[p2 + j]
-        k += 3
-    while k < count:
-        p0 = first + k * stride
-        c0 = source[p0]
-        for j in range(length):
-            target[place + j] -= c0 * source[p0 + j]
-        k += 1
+def subtract_products(target, place, stride, row, source, first, pitch, count, length):  # type: ignore[no-untyped-def]
+    """Rows row .. row + 3 of target -= source^T source over `count` rows of source, columns from the diagonal on."""
+    j = row - row % LANES
+    while j + 2 * LANES <= length:
+        tile_two(target, place + row * stride + j, stride, source, first + row, first + j, pitch, count)
+        j += 2 * LANES
+    if j < length:
+        tile_one(target, place + row * stride + j, stride, source, first + row, first + j, pitch, count)
 
 
 @kernel
-def add_update(stack, begin, side, runs, first, end, columns, width, panels, panel, own, own_begin, own_side):  # type: ignore[no-untyped-def]
-    """Add a child's update (upper triangle, row length `side`) to its parent's panel and update."""
+def factor_rows(panels, begin, width, row, coefficients):  # type: ignore[no-untyped-def]
+    """Factor ROWS panel rows from `row` on, already updated by the rows above them."""
+    start = begin + row * width
+    for i in range(ROWS):
+        for j in range(i + 1):
+            total = panels[start + j * width + row + i]
+            for q in range(j):
+                total -= coefficients[ROWS * i + q] * coefficients[ROWS * j + q]
+            if i == j:
+                coefficients[ROWS * i + i] = 1.0 / sqrt(total)
+            else:
+                coefficients[ROWS * i + j] = total * coefficients[ROWS * j + j]
+    skip = row - row % LANES
+    solve_rows(panels, start + skip, width, coefficients, width - skip)
+
+
+@kernel
+def add_update(
+    stack, begin, side, pitch, runs, first, end, own, later, width, panels, panel, goal, top, goal_pitch
+):  # type: ignore[no-untyped-def]
+    """Add a child's update (upper triangle, `side` rows of length `pitch`) to its parent's panel and update.
+
+    The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update from `top`.
+    """
     for r in range(first, end):
         source, place, length = runs[r, 0], runs[r, 1], runs[r, 2]
         for i in range(length):
-            row = source + i
+            row, target = source + i, place + i
             if row == side - 1:
                 return  # the right-hand side has no row
-            target = place + i
-            base = begin + row * side
+            base = begin + row * pitch
+            in_panel = target < own
+            line = panel + target * width if in_panel else top + (target - later) * goal_pitch - later
             for q in range(r, end):
                 start, where, count = runs[q, 0], runs[q, 1], runs[q, 2]
                 if q == r:
                     start, where, count = row, target, length - i
-                if target < columns:
-                    goal = panel + target * width + where
-                    for j in range(count):
-                        panels[goal + j] += stack[base + start + j]
+                if in_panel:
+                    add_to(panels, line + where, stack, base + start, count)
                 else:
-                    goal = own_begin + (target - columns) * own_side + where - columns
-                    for j in range(count):
-                        own[goal + j] += stack[base + start + j]
+                    add_to(goal, line + where, stack, base + start, count)
 
 
 @kernel
-def factor(columns, width, panel, update, first_child, children, first_run, runs, panels, stack, schur):  # type: ignore[no-untyped-def]
+def factor(tree, panels, stack, schur):  # type: ignore[no-untyped-def]
     """Factor all panels and solve forward; the border's matrix and right-hand side end in `schur`."""
-    size = len(columns)
+    size = len(tree.columns)
+    coefficients = np.zeros(ROWS * ROWS)
     for s in range(size):
-        own, wide, begin = columns[s], width[s], panel[s]
-        side, top = wide - own, update[s]
-        for i in range(side * side):
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        pitch, top = width - later, tree.update[s]
+        side = tree.side[s]
+        for i in range(pitch * (side + (-side) % ROWS)):
             stack[top + i] = 0.0
-        for c in range(first_child[s], first_child[s + 1]):
-            child = children[c]
+        for c in range(tree.first_child[s], tree.first_child[s + 1]):
+            child = tree.children[c]
             add_update(
-                stack, update[child], width[child] - columns[child], runs, first_run[child], first_run[child + 1],
-                own, wide, panels, begin, stack, top, side,
+                stack, tree.update[child], tree.side[child], tree.width[child] - tree.later[child], tree.runs,
+                tree.first_run[child], tree.first_run[child + 1], own, later, width, panels, begin, stack, top, pitch,
             )  # fmt: skip
-        for i in range(own):
-            start = begin + i * wide + i
-            subtract_outer(panels, start, panels, begin + i, wide, i, wide - i)
-            scale = 1.0 / sqrt(panels[start])
-            for j in range(wide - i):
-                panels[start + j] *= scale
-        for i in range(side - 1):
-            subtract_outer(stack, top + i * side + i, panels, begin + own + i, wide, own, side - i)
+        rows = own + (-own) % ROWS
+        for i in range(own, rows):
+            panels[begin + i * width + i] = 1.0
+        for i in range(0, rows, ROWS):
+            subtract_products(panels, begin, width, i, panels, begin, width, i, width)
+            factor_rows(panels, begin, width, i, coefficients)
+        for i in range(0, side - 1, ROWS):
+            subtract_products(stack, top, pitch, i, panels, begin + later, width, rows, pitch)
     flat = schur.reshape(-1)
-    for c in range(first_child[size], first_child[size + 1]):
-        child = children[c]
+    for c in range(tree.first_child[size], tree.first_child[size + 1]):
+        child = tree.children[c]
         add_update(
-            stack, update[child], width[child] - columns[child], runs, first_run[child], first_run[child + 1],
-            0, 0, panels, 0, flat, 0, schur.shape[1],
+            stack, tree.update[child], tree.side[child], tree.width[child] - tree.later[child], tree.runs,
+            tree.first_run[child], tree.first_run[child + 1], 0, 0, 0, panels, 0, flat, 0, schur.shape[1],
         )  # fmt: skip
 
 
@@ -417,18 +434,20 @@ def solve_border(schur, known, change, matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_backward(columns, width, panel, first_row, row_index, panels, first_column, solution, gathered):  # type: ignore[no-untyped-def]
+def solve_backward(tree, panels, solution, gathered):  # type: ignore[no-untyped-def]
     """Fill `solution` of the free unknowns; its tail already holds the border's."""
-    for s in range(len(columns) - 1, -1, -1):
-        own, wide, begin = columns[s], width[s], panel[s]
-        later = wide - own - 1
-        for j in range(later):
-            gathered[own + j] = solution[row_index[first_row[s] + j]]
+    for s in range(len(tree.columns) - 1, -1, -1):
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        coupled, first = tree.side[s] - 1, tree.first_row[s]
+        for j in range(coupled):
+            gathered[later + j] = solution[tree.row_index[first + j]]
         for k in range(own - 1, -1, -1):
-            start = begin + k * wide
-            total = panels[start + wide - 1]
-            for j in range(k + 1, own + later):
+            start = begin + k * width
+            total = panels[start + later + coupled]
+            for j in range(k + 1, own):
+                total -= panels[start + j] * gathered[j]
+            for j in range(later, later + coupled):
                 total -= panels[start + j] * gathered[j]
             gathered[k] = total / panels[start + k]
         for k in range(own):
-            solution[first_column[s] + k] = gathered[k]
+            solution[tree.first_column[s] + k] = gathered[k]

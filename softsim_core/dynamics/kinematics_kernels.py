@@ -134,6 +134,8 @@ def advance_frames(h, border, velocities):  # type: ignore[no-untyped-def]
         exponential(h * velocities[k + 3], h * velocities[k + 4], h * velocities[k + 5], turn)
         for c in range(3):
             for d in range(3):
-                frame_rotations[f, c, d] = turn[c, 0] * old[0, d] + turn[c, 1] * old[1, d] + turn[c, 2] * old[2, d]
+                frame_rotations[f, c, d] = (
+                    turn[c, 0] * old[0, d] + turn[c, 1] * old[1, d] + turn[c, 2] * old[2, d]
+                )
     for j in range(len(joint_positions)):
         joint_positions[j] += h * velocities[6 * frames + j]

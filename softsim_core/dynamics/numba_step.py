@@ -14,6 +14,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics import kernels as k
 from softsim_core.dynamics import kinematics_kernels as kin
+from softsim_core.dynamics.simd import LANES, ROWS
 from softsim_core.dynamics.stepper import Inputs, Parameters, joint_stiffness
 from softsim_core.dynamics.symbolic import Plan, plan
 from softsim_core.mechanics.model import FREE, Model
@@ -38,6 +39,7 @@ class Nodes(NamedTuple):
     row_offset: IndexArray
     stride: IndexArray
     column: IndexArray
+    right: IndexArray
     unknown: IndexArray
     zone: IndexArray
     zone_of: IndexArray
@@ -61,6 +63,8 @@ class Tree(NamedTuple):
     """The elimination plan for the kernels."""
 
     columns: IndexArray
+    later: IndexArray
+    side: IndexArray
     width: IndexArray
     panel: IndexArray
     update: IndexArray
@@ -94,11 +98,27 @@ class Work(NamedTuple):
 
 @k.kernel
 def assemble(  # type: ignore[no-untyped-def]
-    x, v, external, h, lag, rayleigh_mass, polar, border, joints, free_elements, mixed_elements, counts, bpos, nodes, work
+    x,
+    v,
+    external,
+    h,
+    lag,
+    rayleigh_mass,
+    polar,
+    border,
+    joints,
+    free_elements,
+    mixed_elements,
+    counts,
+    bpos,
+    nodes,
+    work,
 ):
     """Forces, matrix and right-hand side of the step, into `work`."""
     kin.screws(border, joints, work.angular, work.linear, work.origin)
-    kin.jacobians(x, nodes.zone, nodes.border, nodes.size, work.angular, work.linear, work.origin, work.jacobian)
+    kin.jacobians(
+        x, nodes.zone, nodes.border, nodes.size, work.angular, work.linear, work.origin, work.jacobian
+    )
     work.panels[:] = 0.0
     work.schur[:] = 0.0
     work.forces[:] = external
@@ -109,7 +129,8 @@ def assemble(  # type: ignore[no-untyped-def]
         work.panels, work.schur, work.forces,
     )  # fmt: skip
     k.assemble_nodes(
-        v, h, rayleigh_mass, work.nodal, nodes.free, nodes.row_offset, nodes.stride, nodes.column, nodes.zone,
+        v, h, rayleigh_mass, work.nodal, nodes.free, nodes.row_offset, nodes.stride, nodes.column,
+        nodes.right, nodes.zone,
         work.jacobian, nodes.border, nodes.size, work.panels, work.schur, work.forces,
     )  # fmt: skip
 
@@ -117,15 +138,27 @@ def assemble(  # type: ignore[no-untyped-def]
 @k.kernel
 def factor(tree, work):  # type: ignore[no-untyped-def]
     """Factor and solve forward."""
-    k.factor(
-        tree.columns, tree.width, tree.panel, tree.update, tree.first_child, tree.children, tree.first_run, tree.runs,
-        work.panels, work.stack, work.schur,
-    )  # fmt: skip
+    k.factor(tree, work.panels, work.stack, work.schur)
 
 
 @k.kernel
 def finish(  # type: ignore[no-untyped-def]
-    x, v, velocities, efforts, h, lag, stiffness, inertia, targets, base_shift, border, joints, zones, tree, nodes, work
+    x,
+    v,
+    velocities,
+    efforts,
+    h,
+    lag,
+    stiffness,
+    inertia,
+    targets,
+    base_shift,
+    border,
+    joints,
+    zones,
+    tree,
+    nodes,
+    work,
 ):
     """Solve the border and backward, advance positions and velocities, and report the joint efforts."""
     _, _, joint_positions, shift = border
@@ -142,10 +175,7 @@ def finish(  # type: ignore[no-untyped-def]
             work.schur[b, b] += inertia[j] + h * lag * stiffness[j]
             work.schur[b, size] += h * stiffness[j] * (targets[j] - joint_positions[j] - lag * velocities[b])
     k.solve_border(work.schur, known, change, work.scratch)
-    k.solve_backward(
-        tree.columns, tree.width, tree.panel, tree.first_row, tree.row_index, work.panels, tree.first_column,
-        work.solution, work.gathered,
-    )  # fmt: skip
+    k.solve_backward(tree, work.panels, work.solution, work.gathered)
     for f in range(len(nodes.free)):
         node, place = nodes.free[f], nodes.unknown[f]
         for i in range(3):
@@ -170,7 +200,9 @@ def finish(  # type: ignore[no-untyped-def]
     kin.zone_frames(border, joints, zones, work.zone_origins, work.zone_rotations)
     kin.place_zone_nodes(x, nodes.zone, nodes.zone_of, nodes.local, work.zone_origins, work.zone_rotations)
     kin.screws(border, joints, work.angular, work.linear, work.origin)
-    kin.jacobians(x, nodes.zone, nodes.border, nodes.size, work.angular, work.linear, work.origin, work.jacobian)
+    kin.jacobians(
+        x, nodes.zone, nodes.border, nodes.size, work.angular, work.linear, work.origin, work.jacobian
+    )
     kin.zone_velocities(v, velocities, nodes.zone, nodes.border, nodes.size, work.jacobian)
 
 
@@ -186,7 +218,7 @@ class NumbaStepper:
         local[model.free_nodes] = np.arange(len(model.free_nodes))
         elements, counts = _ordered_elements(model)
         layout = plan(
-            len(model.free_nodes), *_couplings(model, elements, counts, local), border_size=model.border_size
+            len(model.free_nodes), *_couplings(model, elements, counts, local), model.border_size, LANES, ROWS
         )
         self._nodes = _nodes(model, layout)
         self._joints = Joints(
@@ -198,10 +230,12 @@ class NumbaStepper:
             ),
             np.array([joint.revolute for joint in model.joints], dtype=np.bool_),
         )  # fmt: skip
-        self._zones = np.array([(zone.frame, zone.joint) for zone in model.zones], dtype=np.int64).reshape(-1, 2)
+        self._zones = np.array([(zone.frame, zone.joint) for zone in model.zones], dtype=np.int64).reshape(
+            -1, 2
+        )
         first_column = np.concatenate([[0], np.cumsum(layout.columns)[:-1]]).astype(np.int64)
         self._tree = Tree(
-            layout.columns, layout.width, layout.panel, layout.update, layout.first_child, layout.children,
+            layout.columns, layout.later, layout.side, layout.width, layout.panel, layout.update, layout.first_child, layout.children,
             layout.first_run, layout.runs, layout.first_row, layout.row_index, first_column[: len(layout.columns)],
         )  # fmt: skip
         self._work = _work(model, layout)
@@ -281,7 +315,9 @@ def _couplings(
     beside = pairs[(zones[:, 0] == FREE) & (zones[:, 1] >= 0)]
     border = {
         (node, unknown)
-        for node, zone in set(zip(local[beside[:, 0]].tolist(), model.zone_of_node[beside[:, 1]].tolist(), strict=True))
+        for node, zone in set(
+            zip(local[beside[:, 0]].tolist(), model.zone_of_node[beside[:, 1]].tolist(), strict=True)
+        )
         for unknown in model.zones[zone].border.tolist()
     }
     unique = np.unique(edges, axis=0) if len(edges) else np.zeros((0, 2), dtype=np.int64)
@@ -305,6 +341,7 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
         row_offset=layout.row_offset,
         stride=layout.width[layout.supernode],
         column=3 * layout.position - first,
+        right=(layout.later + layout.side - 1)[layout.supernode],
         unknown=3 * layout.position,
         zone=zone_nodes,
         zone_of=zone_of.astype(np.int64),
@@ -350,7 +387,9 @@ def _slots(
     nodes = model.elements.nodes[chosen]
     zones = model.zone_of_node[nodes]
     late = len(layout.position)
-    rank = np.where(zones == FREE, layout.position[np.where(zones == FREE, local[nodes], 0)] if late else 0, late)
+    rank = np.where(
+        zones == FREE, layout.position[np.where(zones == FREE, local[nodes], 0)] if late else 0, late
+    )
     rank = np.where(zones >= 0, late + 1, rank)
     rank = np.where((zones != FREE) & (zones < 0), late + 2, rank)
     inside = np.argsort(rank, axis=1, kind="stable")
@@ -368,7 +407,9 @@ def _slots(
             strides[e, a] = layout.width[s]
             starts[e, 10 + a], starts[e, 14 + a] = layout.row_offset[node], s
             for other in free[a:]:
-                starts[e, pair] = layout.row_offset[node] + layout.column_of[s][3 * int(layout.position[other])]
+                starts[e, pair] = (
+                    layout.row_offset[node] + layout.column_of[s][3 * int(layout.position[other])]
+                )
                 pair += 1
 
     def part(mask: Array) -> Elements:

@@ -50,7 +50,9 @@ class ScipyStepper:
         state.velocities[self._free] += change[: self._first_border].reshape(-1, 3)
         state.positions[self._free] += h * state.velocities[self._free]
         model.advance_border(state, state.border_velocities + change[self._first_border :])
-        state.joint_positions[self._prescribed] = inputs.targets[self._prescribed]  # exactly, without rounding
+        state.joint_positions[self._prescribed] = inputs.targets[
+            self._prescribed
+        ]  # exactly, without rounding
         state.base_shift[0] = inputs.base_shift
         model.place_zones(state)
         reaction = (matrix[prescribed] @ change - rhs[prescribed]) / h
@@ -76,8 +78,12 @@ class ScipyStepper:
         rotated = model.elements.gradients @ np.swapaxes(
             element_rotations(corners, model.elements.gradients, model.law), 1, 2
         )
-        stress = stresses(corners + lag * state.velocities[tets], rotated, lame)  # stress at x + lag v: f - lag K v
-        force = inputs.forces + model.mass[:, None] * (model.gravity - parameters.rayleigh_mass * state.velocities)
+        stress = stresses(
+            corners + lag * state.velocities[tets], rotated, lame
+        )  # stress at x + lag v: f - lag K v
+        force = inputs.forces + model.mass[:, None] * (
+            model.gravity - parameters.rayleigh_mass * state.velocities
+        )
         np.add.at(force, tets, -volumes[:, None, None] * np.einsum("mij,maj->mai", stress, rotated))
         force -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
 
@@ -86,7 +92,9 @@ class ScipyStepper:
         rows = np.broadcast_to(dofs[:, :, None, :, None], blocks.shape)
         columns = np.broadcast_to(dofs[:, None, :, None, :], blocks.shape)
         size = 3 * len(model.rest)
-        stiffness = sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsr()
+        stiffness = sp.coo_matrix(
+            (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)
+        ).tocsr()
         inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass + h * lag * model.spring
         full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))
 
@@ -113,7 +121,9 @@ class ScipyStepper:
                 columns.append(np.full(3 * len(zone.nodes), self._first_border + k))
                 values.append(screws.jacobian(int(k), state.positions[zone.nodes]).ravel())
         shape = (3 * len(model.rest), self._first_border + model.border_size)
-        return sp.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+        return sp.csr_matrix(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+        )
 
 
 def factorised(matrix: sp.csc_matrix) -> object:

@@ -10,6 +10,7 @@ Sources: Liu 1990 (elimination trees), Duff and Reid 1983 (multifrontal), Ashcra
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from softsim_core.arrays import IndexArray
 
-RELAXATION = ((15, 1.0), (36, 0.5), (72, 0.25), (1 << 30, 0.08))
+RELAXATION = ((24, 0.6), (48, 0.3), (72, 0.2), (1 << 30, 0.08))
 """Merge a supernode into its parent while the merged one has at most so many columns and at most this share of zeros."""
 
 
@@ -51,7 +52,9 @@ class Plan:
     Attributes:
         position: Elimination position of each free node, shape (f,).
         columns: Scalars eliminated by each supernode, shape (s,).
-        width: Panel row length of each supernode (columns, later unknowns, border, right-hand side), shape (s,).
+        later: Panel column at which the later unknowns start, shape (s,).
+        side: Later unknowns of each supernode, border and right-hand side included, shape (s,).
+        width: Panel row length, padded, shape (s,); updates have rows of width - later.
         panel: Offset of each panel in the panel store, shape (s + 1,).
         update: Offset of each update matrix in the stack, shape (s,).
         stack_size: Length of the stack.
@@ -68,6 +71,8 @@ class Plan:
 
     position: IndexArray
     columns: IndexArray
+    later: IndexArray
+    side: IndexArray
     width: IndexArray
     panel: IndexArray
     update: IndexArray
@@ -98,7 +103,9 @@ def minimum_degree(count: int, edges: IndexArray) -> IndexArray:
     ).perm_c.astype(np.int64)
 
 
-def plan(count: int, edges: IndexArray, border_edges: IndexArray, border_size: int) -> Plan:
+def plan(
+    count: int, edges: IndexArray, border_edges: IndexArray, border_size: int, lanes: int, tile_rows: int
+) -> Plan:
     """Plan the elimination of `count` free nodes.
 
     Args:
@@ -106,10 +113,12 @@ def plan(count: int, edges: IndexArray, border_edges: IndexArray, border_size: i
         edges: Pairs of coupled free nodes, shape (e, 2), any order, repetitions allowed.
         border_edges: Pairs (free node, border unknown), shape (g, 2).
         border_size: Number of border unknowns.
+        lanes: Rows are padded to a multiple of it.
+        tile_rows: The number of rows is padded to a multiple of it.
     """
     order = minimum_degree(count, edges)
     supernodes, root_children = _amalgamate(*_fundamental(count, edges, border_edges, order), order)
-    return _lay_out(count, supernodes, root_children, border_size)
+    return _lay_out(count, supernodes, root_children, border_size, lanes, tile_rows)
 
 
 def _fundamental(
@@ -139,9 +148,7 @@ def _fundamental(
     for j in range(count):
         previous = owner[j - 1] if j > 0 and parent[j - 1] == j and children[j] == 1 else -1
         same = (
-            previous >= 0
-            and len(later[j - 1]) == len(later[j]) + 1
-            and len(border[j - 1]) == len(border[j])
+            previous >= 0 and len(later[j - 1]) == len(later[j]) + 1 and len(border[j - 1]) == len(border[j])
         )
         if same:
             owner[j] = previous
@@ -194,7 +201,9 @@ def _postorder(supernodes: list[Supernode], roots: list[int]) -> list[int]:
     return result[::-1]
 
 
-def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_size: int) -> Plan:
+def _lay_out(
+    count: int, supernodes: list[Supernode], roots: list[int], border_size: int, lanes: int, tile_rows: int
+) -> Plan:
     """Number everything and compute offsets, relative positions and the stack."""
     sequence = _postorder(supernodes, roots)
     number = {s: index for index, s in enumerate(sequence)}
@@ -205,7 +214,7 @@ def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_s
             position[node] = placed
             placed += 1
     size = len(sequence)
-    columns, width = np.zeros(size, np.int64), np.zeros(size, np.int64)
+    columns, later_start, side, width = (np.zeros(size, np.int64) for _ in range(4))
     panel, update = np.zeros(size + 1, np.int64), np.zeros(size, np.int64)
     supernode, row_offset = np.zeros(count, np.int64), np.zeros(count, np.int64)
     unknowns: list[list[int]] = []  # scalar unknowns of each panel's columns, in order
@@ -213,17 +222,26 @@ def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_s
         node = supernodes[s]
         later = sorted(int(position[row]) for row in node.rows)
         own = [int(position[column]) for column in node.columns]
-        scalars = [3 * p + i for p in own + later for i in range(3)] + [3 * count + k for k in sorted(node.border)]
+        scalars = [3 * p + i for p in own + later for i in range(3)] + [
+            3 * count + k for k in sorted(node.border)
+        ]
         unknowns.append(scalars)
-        columns[index], width[index] = 3 * len(own), len(scalars) + 1
-        panel[index + 1] = panel[index] + columns[index] * width[index]
+        columns[index], side[index] = 3 * len(own), len(scalars) - 3 * len(own) + 1
+        later_start[index] = _padded(columns[index], lanes)
+        width[index] = later_start[index] + _padded(side[index], lanes)
+        panel[index + 1] = panel[index] + _padded(columns[index], tile_rows) * width[index]
         for local, column in enumerate(node.columns):
             supernode[column] = index
             row_offset[column] = panel[index] + 3 * local * width[index]
-    column_of = [{unknown: place for place, unknown in enumerate(scalars)} for scalars in unknowns]
+    column_of = [
+        {unknown: place if place < own else place + start - own for place, unknown in enumerate(scalars)}
+        for scalars, own, start in zip(unknowns, columns.tolist(), later_start.tolist(), strict=True)
+    ]
     border_columns = {3 * count + k: k for k in range(border_size)}
 
-    child_lists = [[number[c] for c in supernodes[s].children] for s in sequence] + [[number[r] for r in roots]]
+    child_lists = [[number[c] for c in supernodes[s].children] for s in sequence] + [
+        [number[r] for r in roots]
+    ]
     parent_of = {child: p for p, below in enumerate(child_lists) for child in below}
     runs: list[tuple[int, int, int]] = []
     first_run = [0]
@@ -231,7 +249,7 @@ def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_s
         p = parent_of[index]
         places = border_columns if p == size else column_of[p]
         target = [places[unknown] for unknown in unknowns[index][columns[index] :]]
-        target.append(border_size if p == size else int(width[p]) - 1)  # the right-hand side
+        target.append(border_size if p == size else int(later_start[p] + side[p]) - 1)  # the right-hand side
         start = 0
         for here in range(1, len(target) + 1):
             if here == len(target) or target[here] != target[here - 1] + 1:
@@ -241,10 +259,12 @@ def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_s
     return Plan(
         position=position,
         columns=columns,
+        later=later_start,
+        side=side,
         width=width,
         panel=panel,
         update=update,
-        stack_size=_plan_stack(columns, width, child_lists, update),
+        stack_size=_plan_stack(_padded(side, tile_rows) * (width - later_start), child_lists, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
         first_run=np.array(first_run, dtype=np.int64),
@@ -259,12 +279,16 @@ def _lay_out(count: int, supernodes: list[Supernode], roots: list[int], border_s
     )
 
 
-def _plan_stack(columns: IndexArray, width: IndexArray, child_lists: list[list[int]], update: IndexArray) -> int:
+def _padded(length: Any, multiple: int) -> Any:
+    """The next multiple of `multiple` not below `length` (a number or an array)."""
+    return length + (-length) % multiple
+
+
+def _plan_stack(needs: IndexArray, child_lists: list[list[int]], update: IndexArray) -> int:
     """Fill `update` with the first place where each update fits beside those still needed; returns the length needed."""
     held: dict[int, tuple[int, int]] = {}  # supernode -> (start, end) of its update
     highest = 0
-    for index in range(len(columns)):
-        need = int(width[index] - columns[index]) ** 2
+    for index, need in enumerate(needs.tolist()):
         start = 0
         for low, high in sorted(held.values()):
             if low - start >= need:

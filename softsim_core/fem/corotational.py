@@ -99,9 +99,15 @@ def exact_tangent_blocks(corners: Array, gradients: Array, volumes: Array, lame:
     blocks = np.empty((len(corners), 4, 4, 3, 3))
     for b in range(4):
         for j in range(3):
-            local = rt[:, :, j, None] * gradients[:, b, None, :]  # R^T dF for a unit move of node b along axis j
+            local = (
+                rt[:, :, j, None] * gradients[:, b, None, :]
+            )  # R^T dF for a unit move of node b along axis j
             axial = np.stack(
-                [local[:, 2, 1] - local[:, 1, 2], local[:, 0, 2] - local[:, 2, 0], local[:, 1, 0] - local[:, 0, 1]],
+                [
+                    local[:, 2, 1] - local[:, 1, 2],
+                    local[:, 0, 2] - local[:, 2, 0],
+                    local[:, 1, 0] - local[:, 0, 1],
+                ],
                 axis=1,
             )
             turn = cross_matrices(np.einsum("mij,mj->mi", resist, axial))

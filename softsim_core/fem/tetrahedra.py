@@ -33,7 +33,9 @@ def rest_tetrahedra(points: Array, tets: IndexArray) -> Tetrahedra:
     corners = points[tets]
     edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)  # columns: edges from the first node
     frames = element_frames(corners)
-    inverse = np.linalg.inv(np.swapaxes(frames, 1, 2) @ edges)  # rows: gradients of nodes 1, 2, 3 in the frame
+    inverse = np.linalg.inv(
+        np.swapaxes(frames, 1, 2) @ edges
+    )  # rows: gradients of nodes 1, 2, 3 in the frame
     gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
     volumes = np.abs(np.linalg.det(edges)) / 6.0
     return Tetrahedra(nodes=tets, volumes=volumes, gradients=np.ascontiguousarray(gradients))

@@ -116,21 +116,16 @@ class Model:
     @property
     def compliant_joints(self) -> IndexArray:
         """Indices of the joints that a spring pulls to their command."""
-        return np.array([j for j, joint in enumerate(self.joints) if joint.stiffness is not None], dtype=np.int64)
+        return np.array(
+            [j for j, joint in enumerate(self.joints) if joint.stiffness is not None], dtype=np.int64
+        )
 
     def rest_state(self) -> State:
         """The state at which the scene is built: everything at rest, joints at their rest positions."""
-        rest = np.array([joint.rest for joint in self.joints], dtype=float)
-        state = State(
-            positions=self.rest.copy(),
-            velocities=np.zeros_like(self.rest),
-            frame_positions=self.frame_rest[0].copy(),
-            frame_rotations=self.frame_rest[1].copy(),
-            border_velocities=np.zeros(self.border_size),
-            joint_positions=rest,
-            joint_efforts=np.zeros_like(rest),
-            base_shift=np.zeros(1),
-        )
+        state = State(len(self.rest), len(self.frame_names), len(self.joints))
+        state.positions[:] = self.rest
+        state.frame_positions[:], state.frame_rotations[:] = self.frame_rest
+        state.joint_positions[:] = [joint.rest for joint in self.joints]
         self.place_zones(state)
         return state
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass, fields
-
 import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import SnapshotError
 
 
-@dataclass(slots=True, eq=False)
 class State:
-    """State of a simulation (arrays are changed in place).
+    """State of a simulation: views of one buffer, changed in place.
+
+    Args:
+        nodes, frames, joints: How many there are.
 
     Attributes:
+        buffer: All numbers, shape (s,).
         positions: Node positions in [m], shape (n, 3); nodes of zones follow frames and joints.
         velocities: Node velocities in [m/s], shape (n, 3).
         frame_positions: Origins of the free frames in [m], shape (f, 3).
@@ -26,6 +26,35 @@ class State:
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).
     """
 
+    __slots__ = (
+        "base_shift",
+        "border_velocities",
+        "buffer",
+        "frame_positions",
+        "frame_rotations",
+        "joint_efforts",
+        "joint_positions",
+        "positions",
+        "velocities",
+    )
+
+    def __init__(self, nodes: int, frames: int, joints: int) -> None:
+        shapes: dict[str, tuple[int, ...]] = {
+            "positions": (nodes, 3),
+            "velocities": (nodes, 3),
+            "frame_positions": (frames, 3),
+            "frame_rotations": (frames, 3, 3),
+            "border_velocities": (6 * frames + joints,),
+            "joint_positions": (joints,),
+            "joint_efforts": (joints,),
+            "base_shift": (1,),
+        }
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
+        self.buffer: Array = np.zeros(ends[-1])
+        views = np.split(self.buffer, ends[:-1])
+        for (name, shape), view in zip(shapes.items(), views, strict=True):
+            setattr(self, name, view.reshape(shape))
+
     positions: Array
     velocities: Array
     frame_positions: Array
@@ -35,42 +64,27 @@ class State:
     joint_efforts: Array
     base_shift: Array
 
-    def arrays(self) -> dict[str, Array]:
-        """The arrays by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
-
     def copy_from(self, other: State) -> None:
         """Take over the values of a state of the same scene, in place."""
-        for name, array in self.arrays().items():
-            array[...] = getattr(other, name)
-
-    def copy(self) -> State:
-        """An independent copy."""
-        return State(**{name: array.copy() for name, array in self.arrays().items()})
+        np.copyto(self.buffer, other.buffer)
 
 
-def pack(header: bytes, arrays: dict[str, Array]) -> bytes:
-    """Bytes of named arrays behind a header; equal arrays give equal bytes."""
-    stream = io.BytesIO()
-    stream.write(header)
-    for array in arrays.values():
-        stream.write(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return stream.getvalue()
+def pack(header: bytes, arrays: list[Array]) -> bytes:
+    """Bytes of arrays behind a header; equal arrays give equal bytes."""
+    return header + b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
 
 
-def unpack(data: bytes, header: bytes, arrays: dict[str, Array]) -> None:
-    """Fill `arrays` in place from bytes of `pack` with the same header.
+def unpack(data: bytes, header: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
+    """The arrays of `shapes` from bytes of `pack` with the same header.
 
     Raises:
-        SnapshotError: another header or length; nothing is changed then.
+        SnapshotError: another header or length, or a value that is not finite.
     """
-    expected = len(header) + 8 * sum(array.size for array in arrays.values())
-    if data[: len(header)] != header or len(data) != expected:
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    if data[: len(header)] != header or len(data) != len(header) + 8 * sum(sizes):
         raise SnapshotError("not a snapshot of this scene: take a new one with the scene that is running")
-    values = np.frombuffer(data, dtype="<f8", offset=len(header))
+    values = np.frombuffer(data, dtype="<f8", offset=len(header)).astype(float)
     if not np.isfinite(values).all():
         raise SnapshotError("the snapshot holds a value that is not finite; take a new one")
-    start = 0
-    for array in arrays.values():
-        array[...] = values[start : start + array.size].reshape(array.shape)
-        start += array.size
+    parts = np.split(values, np.cumsum(sizes)[:-1])
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]

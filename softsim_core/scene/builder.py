@@ -15,7 +15,16 @@ from softsim_core.fem.tetrahedra import rest_tetrahedra
 from softsim_core.mechanics.model import FREE, HELD, Joint, Model, Zone
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.scene.regions import nodes_in
-from softsim_core.mesh import Embedding, SurfaceMesh, TetMesh, boundary, check_tets, embed, read_surface, read_tets
+from softsim_core.mesh import (
+    Embedding,
+    SurfaceMesh,
+    TetMesh,
+    boundary,
+    check_tets,
+    embed,
+    read_surface,
+    read_tets,
+)
 from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
 
 
@@ -91,7 +100,8 @@ def build(scene: SceneDescription) -> BuiltScene:
     parameters = Parameters(
         lame=np.array(
             [
-                LinearMaterial(body.material.young_modulus, body.material.poisson_ratio).lame for body in scene.bodies
+                LinearMaterial(body.material.young_modulus, body.material.poisson_ratio).lame
+                for body in scene.bodies
             ],
             dtype=float,
         ).reshape(-1, 2),
@@ -208,5 +218,3 @@ def _zones(
             border = np.array([6 * len(frames) + j])
         zones.append(Zone(attachment.name, f, j, nodes, (rest[nodes] - origin) @ rotation, border))
     return tuple(zones)
-
-

@@ -1,0 +1,219 @@
+"""Small dense kernels in explicit vector code, where LLVM does not find it by itself.
+
+Each is an intrinsic: a few vector instructions in a loop, generated for the host's vector width.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.binding as llvm
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
+"""Numbers a vector holds; rows of panels and updates are padded to multiples of it."""
+
+ROWS = 4
+"""Rows that one tile updates at once; LANES is a multiple of it."""
+
+_DOUBLE = ir.DoubleType()
+_FAST = ("contract", "reassoc", "nsz")
+
+
+class _Vectors:
+    """Vector loads, stores and arithmetic on float64 arrays, in the words of one intrinsic."""
+
+    def __init__(self, context: Any, builder: Any, lanes: int) -> None:
+        self.context, self.builder = context, builder
+        self.type = ir.VectorType(_DOUBLE, lanes)
+        self._zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+
+    def data(self, array_type: Any, value: Any) -> Any:
+        """Address of a contiguous array's first number."""
+        return self.context.make_array(array_type)(self.context, self.builder, value).data
+
+    def at(self, base: Any, place: Any) -> Any:
+        """Address of number `place`."""
+        return self.builder.gep(base, [place])
+
+    def load(self, address: Any) -> Any:
+        """Vector that starts at `address`, aligned like a single number."""
+        return self.builder.load(self.builder.bitcast(address, self.type.as_pointer()), align=8)
+
+    def store(self, vector: Any, address: Any) -> None:
+        """Write a vector to `address`."""
+        self.builder.store(vector, self.builder.bitcast(address, self.type.as_pointer()), align=8)
+
+    def splat(self, number: Any) -> Any:
+        """Vector of one number."""
+        undefined = ir.Constant(self.type, ir.Undefined)
+        one = self.builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
+        return self.builder.shuffle_vector(one, undefined, self._zeros)
+
+    def multiply(self, a: Any, b: Any) -> Any:
+        """a b."""
+        return self.builder.fmul(a, b, flags=_FAST)
+
+    def add(self, a: Any, b: Any) -> Any:
+        """a + b."""
+        return self.builder.fadd(a, b, flags=_FAST)
+
+    def subtract(self, a: Any, b: Any) -> Any:
+        """a - b."""
+        return self.builder.fsub(a, b, flags=_FAST)
+
+    def variable(self, vector: Any) -> Any:
+        """A slot that holds a vector across loop iterations (LLVM keeps it in a register)."""
+        slot = cgutils.alloca_once(self.builder, self.type)
+        self.builder.store(vector, slot)
+        return slot
+
+
+def _tile(vectors: int) -> Any:
+    """Intrinsic that subtracts a product of `count` rows from a tile of ROWS rows and vectors * LANES columns."""
+
+    @intrinsic
+    def tile(
+        typing: Any, target: Any, place: Any, stride: Any, source: Any, a: Any, b: Any, pitch: Any, count: Any
+    ) -> Any:
+        """target[place + i stride + j] -= sum_k source[a + k pitch + i] source[b + k pitch + j]."""
+        signature = types.void(target, types.int64, types.int64, source, *(types.int64,) * 4)
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            v = _Vectors(context, builder, LANES)
+            out, values = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
+            _, place, stride, _, a, b, pitch, count = args
+            integer = place.type
+            goals = [
+                [
+                    v.at(
+                        out,
+                        builder.add(place, builder.add(builder.mul(stride, integer(i)), integer(LANES * j))),
+                    )
+                    for j in range(vectors)
+                ]
+                for i in range(ROWS)
+            ]
+            sums = [[v.variable(v.load(goal)) for goal in row] for row in goals]
+            with cgutils.for_range(builder, count) as loop:
+                row = builder.mul(loop.index, pitch)
+                start = v.at(values, builder.add(b, row))
+                columns = [v.load(v.at(start, integer(LANES * j))) for j in range(vectors)]
+                first = v.at(values, builder.add(a, row))
+                for i in range(ROWS):
+                    factor = v.splat(builder.load(v.at(first, integer(i))))
+                    for slot, column in zip(sums[i], columns, strict=True):
+                        builder.store(v.subtract(builder.load(slot), v.multiply(factor, column)), slot)
+            for slots, row_goals in zip(sums, goals, strict=True):
+                for slot, goal in zip(slots, row_goals, strict=True):
+                    v.store(builder.load(slot), goal)
+            return context.get_dummy_value()
+
+        return signature, generate
+
+    return tile
+
+
+tile_two = _tile(2)
+tile_one = _tile(1)
+
+
+@intrinsic
+def solve_rows(typing: Any, array: Any, place: Any, stride: Any, coefficients: Any, length: Any) -> Any:
+    """Forward substitution on ROWS rows of `array` at once, over `length` columns (a multiple of LANES).
+
+    coefficients: row i holds l_i0 .. l_i,i-1 and, at [i], 1 / l_ii; shape (ROWS * ROWS,).
+    """
+    signature = types.void(array, types.int64, types.int64, coefficients, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        v = _Vectors(context, builder, LANES)
+        values, numbers = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
+        _, place, stride, _, length = args
+        integer = place.type
+        factors = [
+            [v.splat(builder.load(v.at(numbers, integer(ROWS * i + j)))) for j in range(i + 1)]
+            for i in range(ROWS)
+        ]
+        starts = [v.at(values, builder.add(place, builder.mul(stride, integer(i)))) for i in range(ROWS)]
+        with cgutils.for_range(builder, builder.sdiv(length, integer(LANES))) as loop:
+            offset = builder.mul(loop.index, integer(LANES))
+            done: list[Any] = []
+            for i in range(ROWS):
+                row = v.load(v.at(starts[i], offset))
+                for j, earlier in enumerate(done):
+                    row = v.subtract(row, v.multiply(factors[i][j], earlier))
+                row = v.multiply(row, factors[i][i])
+                v.store(row, v.at(starts[i], offset))
+                done.append(row)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_to(typing: Any, target: Any, place: Any, source: Any, start: Any, count: Any) -> Any:
+    """target[place + j] += source[start + j] for j < count; the arrays must not overlap there."""
+    signature = types.void(target, types.int64, source, types.int64, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        out = _Vectors(context, builder, 4)
+        goal = out.at(out.data(signature.args[0], args[0]), args[1])
+        data = out.at(out.data(signature.args[2], args[2]), args[3])
+        count = args[4]
+        integer = count.type
+        whole = builder.sdiv(count, integer(4))
+        with cgutils.for_range(builder, whole) as loop:
+            place = builder.mul(loop.index, integer(4))
+            at = out.at(goal, place)
+            out.store(out.add(out.load(at), out.load(out.at(data, place))), at)
+        done = builder.mul(whole, integer(4))
+        with cgutils.for_range(builder, builder.sub(count, done)) as loop:
+            place = builder.add(done, loop.index)
+            at = out.at(goal, place)
+            builder.store(builder.fadd(builder.load(at), builder.load(out.at(data, place))), at)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_block(
+    typing: Any, panels: Any, start: Any, stride: Any, h: Any, a: Any, b: Any, lam: Any, mu: Any
+) -> Any:
+    """Add the stiffness block of nodes a and b to three panel rows.
+
+    panels[start + i stride + j] += lam h_ai h_bj + mu h_bi h_aj + mu (h_a . h_b) [i = j], where `h` (4, 4) holds the
+    rotated gradients with a zero in the fourth column: each row is one vector of four that adds zero beyond the block.
+    """
+    signature = types.void(
+        panels, types.int64, types.int64, h, types.int64, types.int64, types.float64, types.float64
+    )
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        v = _Vectors(context, builder, 4)
+        values, gradients = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
+        _, start, stride, _, a, b, lam, mu = args
+        integer = start.type
+        at_a = v.at(gradients, builder.mul(a, integer(4)))
+        at_b = v.at(gradients, builder.mul(b, integer(4)))
+        ha, hb = v.load(at_a), v.load(at_b)
+        lam_b, mu_a = v.multiply(v.splat(lam), hb), v.multiply(v.splat(mu), ha)
+        product = v.multiply(mu_a, hb)
+        numbers = [builder.extract_element(product, ir.Constant(ir.IntType(32), i)) for i in range(3)]
+        dot = v.splat(
+            builder.fadd(builder.fadd(numbers[0], numbers[1], flags=_FAST), numbers[2], flags=_FAST)
+        )
+        for i in range(3):
+            unit = ir.Constant(v.type, [_DOUBLE(1.0 if i == j else 0.0) for j in range(4)])
+            goal = v.at(values, builder.add(start, builder.mul(stride, integer(i))))
+            row = v.add(v.load(goal), v.multiply(dot, unit))
+            row = v.add(row, v.multiply(v.splat(builder.load(v.at(at_a, integer(i)))), lam_b))
+            row = v.add(row, v.multiply(v.splat(builder.load(v.at(at_b, integer(i)))), mu_a))
+            v.store(row, goal)
+        return context.get_dummy_value()
+
+    return signature, generate

@@ -1,0 +1,410 @@
+"""A running scene: step, command, snapshot, and everything one can look at."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import warnings
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+from softsim_core.actuation.animation import factor_at, is_over
+from softsim_core.actuation.limits import check_command
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.scipy_step import ScipyStepper
+from softsim_core.dynamics.stepper import Inputs, Stepper
+from softsim_core.errors import CommandError, SceneError, SolverDivergedError, listing
+from softsim_core.fem.corotational import element_rotations, stresses, von_mises
+from softsim_core.fem.material import LinearMaterial
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.pose import Pose, quaternion_of
+from softsim_core.mechanics.state import pack, unpack
+from softsim_core.scene.builder import build
+from softsim_core.scene.description import Backend, SceneDescription
+
+RUNAWAY_SPEED = 1.0e4
+"""A node faster than this, in [m/s], has run away."""
+
+_IDLE = -1.0
+
+
+class Simulation:
+    """A scene that runs in fixed steps. The same commands at the same steps give the same bytes.
+
+    Args:
+        scene: What to simulate.
+        backend: "numba", "scipy" or "auto"; None takes the scene's.
+
+    Raises:
+        SceneError, MeshError, MaterialError: the scene cannot be built.
+    """
+
+    def __init__(self, scene: SceneDescription, backend: Backend | None = None) -> None:
+        self.scene = scene
+        built = build(scene)
+        self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
+        self._first_lame = self.parameters.lame.copy()
+        self._stepper = make_stepper(self.model, backend or scene.solver.backend)
+        self._state = self.model.rest_state()
+        self._last_good = self.model.rest_state()
+        self._targets = self._state.joint_positions.copy()
+        self._drive = self._state.joint_positions.copy()
+        self._clock = np.array([0.0, _IDLE])  # steps done, time at which the start animation began
+        self.forces = np.zeros_like(self.model.rest)
+        self.enforce_limits = scene.commands.enforce_limits
+        self._base_shift = 0.0
+        self._step_time = 0.0
+        self._header = hashlib.sha256(repr(self._fingerprint()).encode()).digest()
+        self._place_surface()
+        self._begin()
+
+    # --- time ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """Time step in [s]."""
+        return self.model.dt
+
+    @property
+    def step_count(self) -> int:
+        """Steps since the start."""
+        return int(self._clock[0])
+
+    @property
+    def time(self) -> float:
+        """Simulated time in [s]."""
+        return self.step_count * self.dt
+
+    @property
+    def backend(self) -> str:
+        """Implementation of the step: "numba" or "scipy"."""
+        return self._stepper.name
+
+    @property
+    def stage_times(self) -> dict[str, float]:
+        """Time of each stage of the last step in [ms], and of the whole step."""
+        return {**self._stepper.stage_times, "step": self._step_time}
+
+    def step(self) -> None:
+        """Advance by one dt.
+
+        Raises:
+            SolverDivergedError: the step gave a non-finite or runaway state; the state stays the last good one.
+        """
+        started = perf_counter()
+        for controller in self.scene.controllers:
+            if controller.on_begin is not None:
+                controller.on_begin(self)
+        self._play_start()
+        if self.enforce_limits:
+            reach = self._speed_limits * self.dt
+            self._drive = np.clip(self._targets, self._drive - reach, self._drive + reach)
+        else:
+            self._drive = self._targets.copy()
+        self._last_good.copy_from(self._state)
+        self._stepper.step(self._state, Inputs(self._drive, self.forces, self._base_shift), self.parameters)
+        self._check()
+        self._clock[0] += 1.0
+        self._step_time = 1e3 * (perf_counter() - started)
+        for controller in self.scene.controllers:
+            if controller.on_end is not None:
+                controller.on_end(self)
+
+    def _check(self) -> None:
+        speed = np.abs(self._state.velocities).max(initial=0.0)
+        border = np.abs(self._state.border_velocities).max(initial=0.0)
+        if speed < RUNAWAY_SPEED and border < RUNAWAY_SPEED:  # False for NaN
+            return
+        worst = int(
+            np.argmax(np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0))
+        )
+        self._state.copy_from(self._last_good)
+        self._drive = self._state.joint_positions.copy()
+        raise SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
+
+    # --- commands -----------------------------------------------------------------------------------------------------
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in command order."""
+        return self.scene.joint_names
+
+    @property
+    def joint_positions(self) -> Array:
+        """Measured joint positions in [rad] or [m], shape (j,)."""
+        return self._state.joint_positions.copy()
+
+    @property
+    def joint_velocities(self) -> Array:
+        """Joint velocities in [rad/s] or [m/s], shape (j,)."""
+        return self._state.border_velocities[6 * len(self.model.frame_names) :].copy()
+
+    @property
+    def joint_efforts(self) -> Array:
+        """Torque in [N m] or force in [N] that each drive applied in the last step, shape (j,)."""
+        return self._state.joint_efforts.copy()
+
+    @property
+    def joint_targets(self) -> Array:
+        """The last accepted command, after clamping, in [rad] or [m], shape (j,)."""
+        return self._targets.copy()
+
+    def command(self, values: Sequence[float] | Array) -> Array:
+        """Set where the joints go; a running start animation ends.
+
+        Args:
+            values: One position a joint in [rad] or [m], in joint order.
+
+        Returns:
+            The accepted command, clamped to the limits where they are enforced.
+
+        Raises:
+            CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is changed.
+        """
+        checked = check_command(list(values), self.joint_names)
+        if self.enforce_limits:
+            for index, joint in enumerate(self.scene.joints):
+                allowed = joint.limits.clamp(checked[index])
+                if allowed != checked[index] and self.scene.commands.out_of_range == "refuse":
+                    raise CommandError(
+                        f"command {checked[index]} for joint {joint.name} refused: allowed is "
+                        f"[{joint.limits.lower}, {joint.limits.upper}]; nothing was moved"
+                    )
+                checked[index] = allowed
+        self._targets = np.array(checked)
+        self._clock[1] = _IDLE
+        return self._targets.copy()
+
+    @property
+    def base_shift(self) -> float:
+        """Shift in [m] of all joint bases along their slide axes."""
+        return float(self._state.base_shift[0])
+
+    @base_shift.setter
+    def base_shift(self, shift: float) -> None:
+        if not math.isfinite(shift):
+            raise CommandError(f"base_shift {shift} refused: expected a finite number of metres")
+        self._base_shift = float(shift)
+
+    def start_animation(self) -> None:
+        """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+        if self.scene.start is None:
+            raise SceneError(f"scene {self.scene.name} has no start animation (key `start` of its file)")
+        self._clock[1] = self.time
+
+    def _play_start(self) -> None:
+        start = self.scene.start
+        if start is None or self._clock[1] == _IDLE:
+            return
+        elapsed = self.time - self._clock[1]
+        factor = factor_at(elapsed, start.duration)
+        rest = np.array([joint.rest for joint in self.scene.joints])
+        self._targets = rest + factor * (np.array(self.scene.poses[start.pose]) - rest)
+        self._drive = self._targets.copy()  # the animation is not slowed by the speed limit
+        self._base_shift = factor * start.base_shift
+        if is_over(elapsed, start.duration):
+            self._clock[1] = _IDLE
+
+    def press_key(self, key: str) -> None:
+        """Hand a key to the scene's own controllers."""
+        for controller in self.scene.controllers:
+            if controller.on_key is not None:
+                controller.on_key(self, key)
+
+    # --- parameters ---------------------------------------------------------------------------------------------------
+
+    def set_material(
+        self, body: str, young_modulus: float | None = None, poisson_ratio: float | None = None
+    ) -> None:
+        """Change a body's material from the next step on: Young modulus in [Pa], Poisson ratio in [-].
+
+        Raises:
+            SceneError: no such body.
+            MaterialError: a value out of range; nothing is changed.
+        """
+        names = [each.name for each in self.bodies]
+        if body not in names:
+            raise SceneError(f"unknown body {body!r}; known bodies: {listing(names)}")
+        material = self.material(body)
+        changed = LinearMaterial(
+            material.young_modulus if young_modulus is None else young_modulus,
+            material.poisson_ratio if poisson_ratio is None else poisson_ratio,
+        )
+        self.parameters.lame[names.index(body)] = changed.lame
+
+    def material(self, body: str) -> LinearMaterial:
+        """The material a body has now."""
+        lam, mu = self.parameters.lame[[each.name for each in self.bodies].index(body)].tolist()
+        return LinearMaterial(mu * (3.0 * lam + 2.0 * mu) / (lam + mu), lam / (2.0 * (lam + mu)))
+
+    def set_damping(
+        self, rayleigh_stiffness: float | None = None, rayleigh_mass: float | None = None
+    ) -> None:
+        """Change the damping per stiffness in [s] or per mass in [1/s] from the next step on.
+
+        Raises:
+            SceneError: negative or not finite; nothing is changed.
+        """
+        for name, value in (("rayleigh_stiffness", rayleigh_stiffness), ("rayleigh_mass", rayleigh_mass)):
+            if value is not None and not 0.0 <= value < math.inf:
+                raise SceneError(f"{name} must be >= 0, not {value}")
+        if rayleigh_stiffness is not None:
+            self.parameters.rayleigh_stiffness = float(rayleigh_stiffness)
+        if rayleigh_mass is not None:
+            self.parameters.rayleigh_mass = float(rayleigh_mass)
+
+    # --- state --------------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> bytes:
+        """Everything needed to go on from here: state, commands, tuned parameters."""
+        return pack(self._header, self._saved())
+
+    def restore(self, data: bytes) -> None:
+        """Go back to a snapshot; what follows is the same bytes as it was then.
+
+        Raises:
+            SnapshotError: not a snapshot of this scene; nothing is changed.
+        """
+        saved = self._saved()
+        state, targets, drive, clock, forces, lame, rest = unpack(
+            data, self._header, [array.shape for array in saved]
+        )
+        self._state.buffer[:] = state
+        self._targets, self._drive, self._clock = targets, drive, clock
+        self.forces[:] = forces
+        self.parameters.lame = lame
+        self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass, self._base_shift, limits = (
+            rest.tolist()
+        )
+        self.enforce_limits = bool(limits)
+
+    def reset(self) -> None:
+        """Back to the start of the scene, with the parameters as they are tuned now."""
+        self._state.copy_from(self.model.rest_state())
+        self._targets = self._state.joint_positions.copy()
+        self._drive = self._state.joint_positions.copy()
+        self._base_shift = 0.0
+        self._clock = np.array([0.0, _IDLE])
+        self.forces[:] = 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        if self.scene.start is not None and self.scene.start.at_start:
+            self.start_animation()
+
+    def _saved(self) -> list[Array]:
+        """Everything a snapshot holds, in order."""
+        parameters = self.parameters
+        damping = (parameters.rayleigh_stiffness, parameters.rayleigh_mass)
+        rest = np.array([*damping, self._base_shift, float(self.enforce_limits)])
+        return [
+            self._state.buffer, self._targets, self._drive, self._clock, self.forces, parameters.lame, rest,
+        ]  # fmt: skip
+
+    def _fingerprint(self) -> tuple[object, ...]:
+        model = self.model
+        arrays = (model.rest, model.elements.nodes, model.zone_of_node, model.gravity)
+        return (self.scene.name, self.joint_names, model.dt, model.law, [array.tobytes() for array in arrays])
+
+    # --- what one can look at -----------------------------------------------------------------------------------------
+
+    @property
+    def positions(self) -> Array:
+        """Node positions of all bodies in [m], shape (n, 3)."""
+        return self._state.positions.copy()
+
+    @property
+    def velocities(self) -> Array:
+        """Node velocities of all bodies in [m/s], shape (n, 3)."""
+        return self._state.velocities.copy()
+
+    @property
+    def tets(self) -> IndexArray:
+        """Tetrahedra of all bodies, shape (m, 4)."""
+        return self.model.elements.nodes
+
+    @property
+    def surface_triangles(self) -> IndexArray:
+        """Boundary triangles of all bodies, as indices into `positions`, shape (k, 3)."""
+        return np.concatenate([np.zeros((0, 3), np.int64)] + [body.boundary for body in self.bodies])
+
+    def visual_points(self) -> Array:
+        """Vertices of the visual surfaces of all bodies now, in [m], shape (p, 3)."""
+        return self._on_surface(self._state.positions)
+
+    def visual_values(self, node_values: Array) -> Array:
+        """Nodal values (n,) carried over to the vertices of the visual surfaces, shape (p,)."""
+        return self._on_surface(node_values)
+
+    def _on_surface(self, nodal: Array) -> Array:
+        corners = nodal[self._visual_tets]
+        return np.asarray(np.einsum("pa...,pa->p...", corners, self._visual_weights))
+
+    def _place_surface(self) -> None:
+        tets, weights, triangles, points, start = [], [], [], [], 0
+        for body in self.bodies:
+            tets.append(body.embedding.nodes + body.nodes.start)
+            weights.append(body.embedding.weights)
+            triangles.append(body.surface.triangles + start)
+            points.append(body.surface.points)
+            start += len(body.surface.points)
+        self._visual_tets = np.concatenate([np.zeros((0, 4), np.int64), *tets])
+        self._visual_weights = np.concatenate([np.zeros((0, 4)), *weights])
+        self.visual_triangles = np.concatenate([np.zeros((0, 3), np.int64), *triangles])
+        self.visual_rest_points = np.concatenate([np.zeros((0, 3)), *points])
+        self._speed_limits = np.array([joint.limits.speed for joint in self.scene.joints], dtype=float)
+        count = np.bincount(self.model.elements.nodes.ravel(), minlength=len(self.model.rest))
+        self._elements_of_node = np.maximum(count, 1)
+
+    def von_mises(self) -> Array:
+        """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
+        elements = self.model.elements
+        corners = self._state.positions[elements.nodes]
+        rotations = element_rotations(corners, elements.gradients, self.model.law)
+        rotated = elements.gradients @ np.swapaxes(rotations, 1, 2)
+        stress = von_mises(stresses(corners, rotated, self.parameters.lame[self.model.element_body]))
+        total = np.bincount(elements.nodes.ravel(), np.repeat(stress, 4), minlength=len(self.model.rest))
+        return np.asarray(total / self._elements_of_node)
+
+    def frames(self) -> dict[str, Pose]:
+        """Poses of the free frames by name, of each joint's base by the joint's name, and of its horn (`NAME_horn`)."""
+        state, poses = self._state, {}
+        for f, name in enumerate(self.model.frame_names):
+            poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))
+        for j, joint in enumerate(self.model.joints):
+            poses[joint.name] = Pose(joint.base_origin(self.base_shift), quaternion_of(joint.base_rotation))
+            origin, rotation = joint.frame(state.joint_positions[j], self.base_shift)
+            poses[f"{joint.name}_horn"] = Pose(origin, quaternion_of(rotation))
+        return poses
+
+    @property
+    def effector_pose(self) -> Pose | None:
+        """Pose of the end effector, or None in a scene without one."""
+        if self.scene.effector is None:
+            return None
+        f = self.model.frame_names.index(self.scene.effector)
+        return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
+
+
+def make_stepper(model: Model, backend: Backend) -> Stepper:
+    """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once)."""
+    if backend != "scipy":
+        try:
+            from softsim_core.dynamics.numba_step import NumbaStepper
+
+            return NumbaStepper(model)
+        except ImportError as error:
+            if backend == "numba":
+                raise SceneError(
+                    "backend numba needs the package numba: pip install numba, or use scipy"
+                ) from error
+            warnings.warn(
+                "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=3
+            )
+    return ScipyStepper(model)

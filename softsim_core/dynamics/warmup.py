@@ -1,0 +1,51 @@
+"""Fill the cache of compiled kernels, so that no simulation has to wait: `python -m softsim_core.dynamics.warmup`."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+from softsim_core.mesh import box_mesh
+from softsim_core.scene.description import (
+    AttachmentDescription,
+    BodyDescription,
+    Box,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+)
+
+
+def small_scene() -> SceneDescription:
+    """A small beam with a held end, a joint and a free frame: it runs every kernel."""
+    beam = BodyDescription(
+        name="beam",
+        mesh=box_mesh((0.04, 0.01, 0.01), (8, 2, 2)),
+        material=MaterialDescription(young_modulus=1e5, poisson_ratio=0.3),
+        total_mass=0.004,
+    )
+    size = (0.004, 0.1, 0.1)
+    targets = (("held", "world", 0.0), ("driven", "servo", 0.04), ("middle", "free", 0.02))
+    return SceneDescription(
+        name="warmup",
+        bodies=(beam,),
+        joints=(JointDescription(name="servo"),),
+        attachments=tuple(
+            AttachmentDescription(name=name, body="beam", to=to, box=Box(center=(x, 0.0, 0.0), size=size))
+            for name, to, x in targets
+        ),
+        effector="middle",
+    )
+
+
+def warm_up() -> float:
+    """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took."""
+    from softsim_core.dynamics.simulation import Simulation
+
+    started = perf_counter()
+    Simulation(small_scene(), backend="numba").step()
+    return perf_counter() - started
+
+
+if __name__ == "__main__":
+    print("compiling the simulation kernels (once, about 20 s) ...", flush=True)
+    print(f"kernels ready after {warm_up():.1f} s")
