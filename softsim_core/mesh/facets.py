@@ -115,7 +115,7 @@ def drop_degenerate(triangles: IndexArray, path: Path) -> IndexArray:
     degenerate = (a == b) | (b == c) | (c == a)
     if degenerate.any():
         warnings.warn(
-            f"mesh {path}: {degenerate.sum()} of {len(triangles)} triangles dropped, two corners are one point",
+            f"mesh {path}: {degenerate.sum()} of {len(triangles)} triangles with two equal corners dropped",
             stacklevel=3,
         )
     return np.asarray(triangles[~degenerate])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import re
 import warnings
 from os import PathLike
 from pathlib import Path
@@ -132,9 +133,13 @@ def _read(file: Path) -> tuple[Array, _Cells]:
         if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
             points, elements = parse_gid(data, file)
             return points, {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
-        return _read_with_meshio(file, _MESHIO_MODULES[suffix])
+        points, cells = _read_with_meshio(file, _MESHIO_MODULES[suffix])
+        _refuse_cut_off(data, suffix, cells, file)
+        return points, cells
     except MeshError:
         raise
+    except ImportError as error:
+        raise MeshError(file, f"a {suffix} file needs the Python package {error.name or 'meshio'}") from error
     except (Exception, SystemExit) as error:  # parsers fail in their own ways on damaged files
         detail = " ".join(str(error).split())
         reason = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
@@ -155,6 +160,19 @@ def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:
         cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
     # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
     return np.ascontiguousarray(mesh.points, dtype=np.float64), cells
+
+
+def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:
+    """Refuse files that end early where meshio does not notice: in the last section of VTK and Gmsh."""
+    if suffix == ".vtk":
+        declared = re.findall(rb"^CELL_TYPES\s+(\d+)", data, re.MULTILINE)
+        found = sum(len(block) for blocks in cells.values() for block in blocks)
+        if declared and int(declared[-1]) != found:
+            raise MeshError(
+                file, f"declares {int(declared[-1])} cells but holds {found}; the file is cut off"
+            )
+    elif suffix == ".msh" and b"$EndElements" not in data:
+        raise MeshError(file, "ends without $EndElements; the file is cut off")
 
 
 def _fans(faces: IndexArray) -> IndexArray:

@@ -64,12 +64,12 @@ def vertex_normals(points: Array, triangles: IndexArray) -> Array:
         Unit vectors, shape (n, 3); zero at vertices without a triangle.
     """
     area_vectors = np.repeat(triangle_normals(points, triangles), 3, axis=0)
-    sums = np.column_stack(
+    sums = np.column_stack(  # without any triangle bincount counts in integers
         [
             np.bincount(triangles.reshape(-1), area_vectors[:, axis], minlength=len(points))
             for axis in range(3)
         ]
-    )
+    ).astype(np.float64)
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
     return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
 
