@@ -153,7 +153,8 @@ def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:
     reader = importlib.import_module(f"meshio.{module}")
     sink = io.StringIO()
     with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", message="string or file could not be read to its end")
         mesh = reader.read(str(file))
     cells: _Cells = {}
     for block in mesh.cells:
