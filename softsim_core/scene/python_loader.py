@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import linecache
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from softsim_core.errors import ConfigError, SceneError
-from softsim_core.scene.description import SceneDescription
+from softsim_core.errors import ConfigError, SceneError, SoftSimError
+from softsim_core.scene.description import Controller, SceneDescription
 from softsim_core.scene.scene import Scene
 from softsim_core.scene.structure import sourced, structure_scene, unstructure_scene
 from softsim_core.scene.yaml_source import merge
@@ -49,7 +50,11 @@ def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) ->
         raise ConfigError(path, "", f"the scene holds a value of a wrong type ({error})") from error
     if overrides:
         data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
-    return replace(structure_scene(data, path), source=path, controllers=draft.controllers)
+    return replace(
+        structure_scene(data, path),
+        source=path,
+        controllers=tuple(_guarded(each, path) for each in draft.controllers),
+    )
 
 
 def _module(path: Path) -> ModuleType:
@@ -95,6 +100,30 @@ def _errors_of(path: Path) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         text = str(error) or "no message"
         raise ConfigError(path, _line_of(error, path), f"{type(error).__name__}: {text}") from error
+
+
+def _guarded(controller: Controller, path: Path) -> Controller:
+    """The controller; a failure becomes one SceneError with file and line, the suite's errors pass."""
+
+    def guard(hook: Callable[..., None] | None) -> Callable[..., None] | None:
+        if hook is None:
+            return None
+
+        @functools.wraps(hook)
+        def call(*arguments: Any) -> None:
+            try:
+                hook(*arguments)
+            except SoftSimError:
+                raise
+            except Exception as error:
+                where = ": ".join(part for part in (str(path), _line_of(error, path)) if part)
+                raise SceneError(f"{where}: controller failed: {type(error).__name__}: {error}") from error
+
+        return call
+
+    return Controller(
+        on_begin=guard(controller.on_begin), on_end=guard(controller.on_end), on_key=guard(controller.on_key)
+    )
 
 
 def _line_of(error: BaseException, path: Path) -> str:

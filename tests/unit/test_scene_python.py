@@ -8,9 +8,9 @@ from textwrap import dedent
 
 import pytest
 
-from softsim_core.errors import ConfigError, SceneError
+from softsim_core.errors import CommandError, ConfigError, SceneError
 from softsim_core.scene import Part, Scene, load_python, load_scene
-from softsim_core.scene.description import Controller, JointDescription
+from softsim_core.scene.description import JointDescription
 from softsim_core.scene.scene import animated
 
 
@@ -95,7 +95,7 @@ def test_overrides(tmp_path: Path) -> None:
     )
     scene = load_scene(path, {"dt": 0.5, "joints": [{"name": "a", "rest": 1.0}]})
     assert (scene.dt, scene.joints[0].rest) == (0.5, 1.0)
-    assert scene.controllers == (Controller(on_end=print),)
+    assert [each.on_end is not None for each in scene.controllers] == [True]
 
 
 @pytest.mark.parametrize(
@@ -192,6 +192,35 @@ def test_controllers_are_kept_in_order() -> None:
     assert third.on_key is key
     third.on_key(1, "up")  # type: ignore[arg-type]
     assert calls == [("up", 1)]
+
+
+def test_a_failing_controller_names_its_line(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        """
+        from softsim_core.errors import CommandError
+
+        def create_scene(scene):
+            @scene.on_step_end
+            def fail(simulation):
+                1 / 0
+
+            @scene.on_key
+            def refuse(simulation, key):
+                raise CommandError("refused")
+
+            @scene.on_step_begin
+            def stop(simulation):
+                raise KeyboardInterrupt
+        """,
+    )
+    fail, refuse, stop = load_python(path).controllers
+    with pytest.raises(SceneError, match=r"own\.py: line 6: controller failed: ZeroDivisionError"):
+        fail.on_end(None)  # type: ignore[arg-type,misc]
+    with pytest.raises(CommandError, match=r"^refused$"):
+        refuse.on_key(None, "a")  # type: ignore[arg-type,misc]
+    with pytest.raises(KeyboardInterrupt):
+        stop.on_begin(None)  # type: ignore[arg-type,misc]
 
 
 def test_a_second_effector_is_refused() -> None:
