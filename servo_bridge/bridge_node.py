@@ -9,6 +9,7 @@ from array import array
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -29,7 +30,7 @@ from servo_bridge.errors import PortError
 from servo_bridge.ports import find_port
 from servo_bridge.process import run_node
 from servo_bridge.recovery import Recovery
-from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.errors import CommandError, SoftSimError, listing
 from softsim_core.scene.description import SceneDescription
 
 SUPERVISION_PERIOD_S = 0.1
@@ -74,6 +75,8 @@ class ServoBridge(LifecycleNode):
         )
         self.create_service(Trigger, "~/e_stop", self._on_e_stop)
         self.create_service(Trigger, "~/clear_e_stop", self._on_clear_e_stop)
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
@@ -86,6 +89,22 @@ class ServoBridge(LifecycleNode):
         return str(self._state_machine.current_state[1])
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Answer false to a transition that the present state does not have (rclpy itself would raise)."""
+        offered = {transition[0] for transition in self._state_machine.available_transitions}
+        labels = {transition[1] for transition in self._state_machine.available_transitions}
+        label = request.transition.label
+        if (label in labels) if label else (request.transition.id in offered):
+            return self._change_state(request, response)
+        self.get_logger().error(
+            f"transition {label or request.transition.id} refused in state {self.lifecycle_state};"
+            f" possible are: {listing(sorted(labels))}"
+        )
+        response.success = False
+        return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""
@@ -102,7 +121,7 @@ class ServoBridge(LifecycleNode):
         with self._lock:
             refusal = self._activation_refusal()
             if refusal or self._driver is None or self._send_timer is None:
-                self._report(refusal)
+                self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
             self._driver.start()
             self._sending = True

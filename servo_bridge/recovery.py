@@ -20,7 +20,7 @@ class Recovery:
 
     def want(self, wish: Wish, now: float, *, wait: bool) -> None:
         """Set the wish; the first try is due at once, or after the first delay."""
-        self.wish, self.tries = wish, 0
+        self.wish, self.tries = wish, int(wait)
         self._next_try = now + (DELAYS_S[0] if wait else 0.0)
 
     def give_up(self) -> None:

@@ -82,7 +82,7 @@ class ServoMotion:
         self._target: tuple[float, ...] | None = None
         self._command_time: float | None = None
         self._since = 0.0  # start of the present silence: last command, start, or clearing of the e-stop
-        self._last_step = 0.0
+        self._last_step: float | None = None  # none since the start: the first step moves nothing
         self._mode: MotionMode = "rest"
         self._stopped = False
 
@@ -106,9 +106,9 @@ class ServoMotion:
         return None if self._command_time is None else now - self._command_time
 
     def start(self, now: float) -> None:
-        """Begin to move from the last known pose; commands given before do not count."""
-        self._target, self._command_time = None, None
-        self._since = self._last_step = now
+        """Begin with the last known pose and move on from there; commands given before do not count."""
+        self._target, self._command_time, self._last_step = None, None, None
+        self._since = now
         self._mode = "hold"
 
     def resume_from(self, positions: Sequence[float]) -> None:
@@ -162,7 +162,8 @@ class ServoMotion:
         return self._move(self.rest, math.inf, now)
 
     def _move(self, target: Sequence[float], top_speed: float, now: float) -> tuple[float, ...]:
-        dt = min(max(now - self._last_step, 0.0), self.settings.longest_step_s)
+        passed = 0.0 if self._last_step is None else now - self._last_step
+        dt = min(max(passed, 0.0), self.settings.longest_step_s)
         self._last_step = now
         self.positions = tuple(
             JointLimits(limits.lower, limits.upper, min(limits.speed, top_speed)).towards(position, goal, dt)

@@ -1,4 +1,4 @@
-"""Fixtures of the bridge's tests: a virtual board, bridge processes, and a ROS client on a domain of its own."""
+"""Fixtures of the bridge's tests: virtual board, bridge processes, a ROS client on a domain of its own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEADLINE_S = 15.0
 NAMESPACE = "/tripod"
 
 
-def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> bool:
+def _wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> bool:
     """Poll a condition that has no event of its own; False when the deadline passed."""
     end = time.monotonic() + deadline_s
     while not condition():
@@ -30,6 +30,11 @@ def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) ->
             return False
         threading.Event().wait(0.01)
     return True
+
+
+@pytest.fixture
+def wait_until() -> Callable[..., bool]:
+    return _wait_until
 
 
 @pytest.fixture
@@ -80,7 +85,7 @@ class Process:
 
     def says(self, text: str) -> bool:
         """Wait until the process has written `text`."""
-        return wait_until(lambda: text in self.output)
+        return _wait_until(lambda: text in self.output)
 
     def end(self, number: signal.Signals = signal.SIGINT) -> int:
         """Send a signal and wait; the exit code."""
@@ -160,15 +165,15 @@ class Client:
     def publisher(self, kind: Any, topic: str) -> Any:
         """A publisher that has a subscriber."""
         publisher = self.node.create_publisher(kind, topic, 1)
-        assert wait_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens to {topic}"
+        assert _wait_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens to {topic}"
         return publisher
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """The answer of a service."""
         client = self.node.create_client(kind, service)
-        assert wait_until(client.service_is_ready), f"no service {service}"
+        assert _wait_until(client.service_is_ready), f"no service {service}"
         future = client.call_async(request)
-        assert wait_until(future.done), f"no answer from {service}"
+        assert _wait_until(future.done), f"no answer from {service}"
         return future.result()
 
     def transition(self, label: str) -> bool:

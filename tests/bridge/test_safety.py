@@ -25,6 +25,7 @@ PERIOD = 0.02
 def tripod_motion(**changes: float) -> ServoMotion:
     motion = ServoMotion(NAMES, [LIMITS] * 3, [REST] * 3, MotionSettings(**changes))
     motion.start(0.0)
+    assert motion.step(0.0) == (REST,) * 3
     return motion
 
 
@@ -120,6 +121,11 @@ def test_start_forgets_old_commands_but_not_the_pose() -> None:
     motion.command([-2.0] * 3, 0.4)
     motion.start(0.41)
     assert motion.step(0.43) == pose
+    motion.command([-2.0] * 3, 0.43)
+    motion.start(0.44)
+    motion.command([-2.0] * 3, 0.44)
+    assert motion.step(0.46) == pose  # the first packet is the last known pose, whatever is commanded
+    assert motion.step(0.48) != pose
 
 
 def test_a_stall_is_not_caught_up_with_one_jump() -> None:

@@ -76,13 +76,13 @@ def test_the_link_never_replaces_a_file(tmp_path: Path) -> None:
 
 
 def test_closing_removes_the_link_and_every_descriptor(tmp_path: Path) -> None:
-    before = len(os.listdir("/proc/self/fd"))
+    before = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(5):
         with VirtualBoard(link=tmp_path / "link") as board:
             board.unplug()
             board.replug()
         board.close()
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,217 @@
+"""The driver on a virtual board and a clock of the test's own: what goes over the wire, and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import pytest
+
+from servo_bridge.driver import ServoDriver
+from servo_bridge.errors import PortError
+from servo_bridge.virtual_board import VirtualBoard
+from softsim_core.actuation.limits import JointLimits
+from softsim_core.errors import CommandError, SceneError
+from softsim_core.scene.description import (
+    BoardDescription,
+    JointDescription,
+    SceneDescription,
+    ServoCalibration,
+)
+
+PERIOD = 0.02
+LIMITS = JointLimits(-2.0225, -0.0255, 3.5)
+
+
+def robot(*servos: ServoCalibration, limits: JointLimits = LIMITS) -> SceneDescription:
+    """Three joints a, b, c; servos in any order."""
+    joints = tuple(JointDescription(name=name, limits=limits) for name in "abc")
+    chosen = servos or tuple(ServoCalibration(joint=name) for name in "abc")
+    return SceneDescription(name="robot", joints=joints, board=BoardDescription(servos=chosen))
+
+
+class TestClock:
+    """A clock that moves only when told to, or when somebody waits."""
+
+    __test__ = False
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def wait(self, duration_s: float) -> None:
+        self.now += duration_s
+
+
+@pytest.fixture
+def clock() -> TestClock:
+    return TestClock()
+
+
+@pytest.fixture
+def driver(board: VirtualBoard, clock: TestClock) -> Iterator[ServoDriver]:
+    made = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    made.connect(board.port)
+    made.start()
+    assert made.tick() == (150, 150, 150)
+    board.wait_for(lambda b: b.accepted == 1)
+    board.clear()
+    yield made
+    made.disconnect()
+
+
+def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[int, ...]]:
+    """Bytes of the packets of that time."""
+    sent = []
+    for _ in range(round(duration_s / PERIOD)):
+        clock.wait(PERIOD)
+        packet = driver.tick()
+        assert packet is not None
+        sent.append(packet)
+    return sent
+
+
+def test_the_wire_carries_what_was_said_to_be_sent(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard
+) -> None:
+    driver.command([-1.4965, -1.046667, -0.785])
+    sent = run(driver, clock, 0.4)
+    assert sent[0] != sent[-1] == (93, 119, 134)
+    assert board.wait_for(lambda b: len(b.packets) == len(sent))
+    assert [packet.servo_bytes for packet in board.packets] == sent
+    assert driver.applied_angles() == pytest.approx([math.radians(byte - 179) for byte in sent[-1]])
+
+
+def test_the_e_stop_outlives_the_way_out(driver: ServoDriver, clock: TestClock, board: VirtualBoard) -> None:
+    driver.command([-1.5] * 3)
+    pose = run(driver, clock, 0.1)[-1]
+    driver.motion.e_stop()
+    assert not driver.settle()
+    assert board.wait_for(lambda b: len(b.packets) == 5)
+    assert board.servo_bytes == pose
+
+
+def test_settling_ends_at_rest_within_the_speed_limit(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard
+) -> None:
+    driver.command([-2.0, -0.1, -1.0])
+    before = run(driver, clock, 0.5)[-1]
+    start = clock.now
+    seen: list[tuple[int, ...]] = [before]
+    assert driver.settle(1.5, lambda: seen.append(driver.sent_bytes or ()))
+    assert clock.now - start < 0.6
+    assert seen[-3:] == [(150, 150, 150)] * 3
+    most = math.degrees(3.5 * PERIOD) + 1.0
+    for old, new in pairwise(seen):
+        assert all(abs(a - b) <= most for a, b in zip(old, new, strict=True))
+    assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
+
+
+def test_a_slow_joint_ends_at_rest_all_the_same(board: VirtualBoard, clock: TestClock) -> None:
+    driver = ServoDriver(robot(limits=JointLimits(-2.0, -0.1, 0.05)), clock=clock, wait=clock.wait)
+    driver.connect(board.port)
+    driver.start()
+    for _ in range(500):
+        driver.command([-2.0] * 3)
+        run(driver, clock, PERIOD)
+    start = clock.now
+    assert driver.settle(1.5)
+    assert clock.now - start < 1.7
+    assert driver.sent_bytes == (150, 150, 150)
+    driver.disconnect()
+
+
+def test_nothing_is_written_while_the_board_starts(board: VirtualBoard, clock: TestClock) -> None:
+    driver = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    driver.connect(board.port, quiet_s=2.5)
+    driver.start()
+    for _ in range(124):
+        clock.wait(PERIOD)
+        assert driver.tick() is None
+    assert not driver.settle()  # this board was never told to move
+    clock.wait(2 * PERIOD)
+    assert driver.tick() == (150, 150, 150)
+    assert board.wait_for(lambda b: b.accepted == 1)
+    assert board.received == 4
+    driver.disconnect()
+
+
+def test_a_lost_port_keeps_the_last_pose_sent_and_the_next_begins_there(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard
+) -> None:
+    driver.command([-2.0] * 3)
+    last = run(driver, clock, 0.1)[-1]
+    board.unplug()
+    clock.wait(PERIOD)
+    with pytest.raises(PortError, match="vanished"):
+        driver.tick()
+    assert not driver.settle()
+    driver.disconnect()
+    board.replug()
+    driver.connect(board.port)
+    driver.start()
+    assert set(run(driver, clock, 0.1)) == {last}
+
+
+def test_refusals_change_nothing_and_are_counted(driver: ServoDriver, clock: TestClock) -> None:
+    driver.command([-1.0] * 3)
+    run(driver, clock, 0.3)
+    for bad in ([math.nan, -1.5, -1.5], [-1.5] * 2, [math.inf] * 3, []):
+        with pytest.raises(CommandError):
+            driver.command(bad)
+    with pytest.raises(CommandError, match=r"joint states without c refused; they name a, b, x"):
+        driver.command_named({"a": -1.5, "b": -1.5, "x": -1.5})
+    with pytest.raises(CommandError, match="joint b"):
+        driver.command_named({"a": -1.5, "b": math.nan, "c": -1.5})
+    assert set(run(driver, clock, 0.1)) == {(121, 121, 121)}
+    assert driver.counts.refused == 6
+    assert "joint b" in driver.counts.last_refusal
+
+
+def test_commands_are_in_joint_order_and_packets_in_servo_order(
+    board: VirtualBoard, clock: TestClock
+) -> None:
+    servos = [ServoCalibration(joint="c"), ServoCalibration(joint="a", sign=-1, zero_byte=90, trim_deg=2.5)]
+    driver = ServoDriver(
+        robot(*servos, limits=JointLimits(-1.5, 1.5)), avoid_byte_100=False, clock=clock, wait=clock.wait
+    )
+    driver.connect(board.port)
+    driver.start()
+    for command in (
+        lambda: driver.command([0.5, 9.0, -1.0]),
+        lambda: driver.command_named({"c": -1.0, "b": math.nan, "a": 0.5}),
+    ):
+        driver.start()
+        command()
+        assert run(driver, clock, 0.5)[-1] == (121, 90 + math.floor(2.5 - math.degrees(0.5)))
+    driver.disconnect()
+
+
+@pytest.mark.parametrize(("avoid", "byte"), [(True, 101), (False, 100)])
+def test_byte_100_is_replaced_by_101_unless_switched_off(
+    board: VirtualBoard, clock: TestClock, avoid: bool, byte: int
+) -> None:
+    driver = ServoDriver(robot(), avoid_byte_100=avoid, clock=clock, wait=clock.wait)
+    driver.connect(board.port)
+    driver.start()
+    driver.command([math.radians(-78.5)] * 3)
+    assert run(driver, clock, 0.4)[-1] == (byte,) * 3
+    assert driver.applied_angles() == pytest.approx([math.radians(byte - 179)] * 3)
+    driver.disconnect()
+
+
+def test_without_a_port_nothing_can_be_sent(clock: TestClock) -> None:
+    with pytest.raises(PortError, match="configure the bridge first"):
+        ServoDriver(robot(), clock=clock).tick()
+
+
+def test_robots_that_no_board_can_drive_are_refused() -> None:
+    with pytest.raises(SceneError, match="has no servo board"):
+        ServoDriver(SceneDescription(name="finger"))
+    sliding = JointDescription(name="a", kind="prismatic")
+    board = BoardDescription(servos=(ServoCalibration(joint="a"),))
+    with pytest.raises(SceneError, match="must be revolute"):
+        ServoDriver(SceneDescription(name="r", joints=(sliding,), board=board))
