@@ -1,0 +1,28 @@
+"""Install rules of the ROS package; the code is the import package of the same name, three folders up."""
+
+from setuptools import find_packages, setup
+
+NAME = "servo_bridge"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="the softsim authors",
+    maintainer_email="softsim@users.noreply.example.org",
+    description="Servo bridge: joint angles to servo packets on a serial port, and a virtual board.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "servo_bridge = servo_bridge.bridge_node:main",
+            "virtual_board = servo_bridge.virtual_board_node:main",
+        ],
+    },
+)

@@ -1,0 +1,36 @@
+"""Install rules of the ROS package: launch files, RViz views and the configs of the checkout, three folders up."""
+
+from pathlib import Path
+
+from setuptools import setup
+
+NAME = "softsim_bringup"
+
+
+def installed(folder: str) -> list[tuple[str, list[str]]]:
+    """Pairs of share folder and files for everything below `folder`, by the folder's own structure."""
+    kept: dict[str, list[str]] = {}
+    for file in sorted(Path(folder).rglob("*")):
+        if file.is_file() and "__pycache__" not in file.parts:
+            kept.setdefault(f"share/{NAME}/{file.parent.as_posix()}", []).append(file.as_posix())
+    return list(kept.items())
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=[],
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *installed("launch"),
+        *installed("rviz"),
+        *installed("configs"),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="the softsim authors",
+    maintainer_email="softsim@users.noreply.example.org",
+    description="Launch files, RViz views, and the robots' and scenes' configuration files.",
+    license="Apache-2.0",
+)
