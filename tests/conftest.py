@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
 
 
 @pytest.fixture(scope="session")

@@ -161,13 +161,22 @@ def _help_lines(view: View, width: int) -> list[str]:
     entries = [(key_label(key), _help_text(binding)) for key, binding in table.items()]
     if HELP_KEY not in table:
         entries.append((HELP_KEY, "hide the keys"))
-    label_width = max(len(label) for label, _ in entries)
-    cells = [f"{label:>{label_width}}  {text}" for label, text in entries]
-    cell_width = max(map(len, cells)) + 2
-    columns = max(1, min(3, (width + 2) // cell_width))
-    rows = -(-len(cells) // columns)
-    lines = ["".join(cell.ljust(cell_width) for cell in cells[row::rows]).rstrip() for row in range(rows)]
-    return ["keys, plain or with Ctrl (Ctrl+C quits):", *lines]
+    tables = [_help_table(entries, columns) for columns in (3, 2, 1)]
+    fitting = (table for table in tables if all(len(line) <= width for line in table))
+    return ["keys, plain or with Ctrl (Ctrl+C quits):", *next(fitting, tables[-1])]
+
+
+def _help_table(entries: Sequence[tuple[str, str]], columns: int) -> list[str]:
+    """Keys and what they do, read down the columns."""
+    rows = -(-len(entries) // columns)
+    blocks = []
+    for first in range(0, len(entries), rows):
+        block = entries[first : first + rows]
+        label_width = max(len(label) for label, _ in block)
+        cells = [f"{label:>{label_width}}  {text}" for label, text in block]
+        cell_width = max(map(len, cells))
+        blocks.append([cell.ljust(cell_width) for cell in cells] + [""] * (rows - len(cells)))
+    return ["   ".join(cells).rstrip() for cells in zip(*blocks, strict=True)]
 
 
 def _help_text(binding: KeyBinding) -> str:

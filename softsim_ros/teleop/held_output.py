@@ -15,7 +15,7 @@ class HeldOutput:
     """Context manager: standard output and error of the process go to a file while a display is on.
 
     Only those that lead to a terminal are held; a redirected one is left alone. At the end the newest lines
-    are written to where they belonged. Works on file descriptors, so libraries and other threads are held too.
+    are written to where they belonged. Works on file descriptors, so libraries and threads are held too.
     """
 
     def __init__(self) -> None:

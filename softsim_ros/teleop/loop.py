@@ -33,6 +33,15 @@ def run_teleop(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[]
         serve_callbacks: Runs the node's callbacks that are ready, without waiting, such as
             `lambda: ready_callbacks(executor)`.
     """
+    try:
+        _run(node, terminal, serve_callbacks)
+    except Exception:
+        if node.context.ok():
+            raise
+        # a signal shut the context down in the middle of a call: an ordinary end
+
+
+def _run(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
     decoder = KeyDecoder()
     shown: tuple[list[str], tuple[int, int]] | None = None
     next_draw = next_tick = time.monotonic()

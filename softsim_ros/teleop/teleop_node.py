@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from array import array
 from collections.abc import Sequence
@@ -13,7 +14,6 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import ok, try_shutdown
 from sensor_msgs.msg import JointState
@@ -24,7 +24,7 @@ from softsim_core.errors import SoftSimError
 from softsim_core.scene import SceneDescription, load_scene
 from softsim_core.scene.description import Action
 from softsim_ros.environment import prepare_environment
-from softsim_ros.runtime import complain, declare_number, declare_text
+from softsim_ros.runtime import ClosableNode, complain, declare_number, declare_text
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
     REPEAT_INTERVAL_S,
@@ -52,7 +52,7 @@ DEFAULT_ROBOT = "tripod"
 _NEWEST_ONLY = QoSProfile(depth=1)  # reliable, volatile
 
 
-class Teleop(Node):
+class Teleop(ClosableNode):
     """Thin: parameters, topics and services; what a key does is decided in `commands`.
 
     Topics (relative to the robot's namespace): `position_controller/commands` out, and in again to see the
@@ -94,10 +94,6 @@ class Teleop(Node):
         self._pause = AsyncService(self, SetBool, "simulator/pause")
         self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
         self._bridge = BridgeLink(self, self._on_bridge, self.say)
-
-    def close(self) -> None:
-        """End the node."""
-        self.destroy_node()
 
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
@@ -234,15 +230,15 @@ def requested_robot() -> str:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the teleop in this terminal. Returns 0 after quitting or a signal, 1 after an error in one sentence.
+    """Run the teleop in this terminal. Returns 0 after quitting or a signal, 1 after an error.
 
     Args:
         args: Command line without the program name; None takes the process's own.
     """
-    prepare_environment()
     try:
+        prepare_environment()
         rclpy.init(args=None if args is None else ["teleop", *args])
-    except Exception as error:  # rclpy raises classes of its extension here, for wrong --ros-args
+    except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
         return complain(str(error).splitlines()[0])
     node: Teleop | None = None
     code = 0
@@ -267,3 +263,7 @@ def main(args: Sequence[str] | None = None) -> int:
                 node.close()
             try_shutdown()
     return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

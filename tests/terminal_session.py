@@ -1,0 +1,140 @@
+"""A program in a terminal of its own: a pseudo-terminal that types keys and reads the screen, for tests."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import termios
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DEADLINE_S = 15.0
+
+_SEQUENCE = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]")
+
+
+class TerminalSession:
+    """Starts a program as the leader of a session whose controlling terminal is a new pseudo-terminal.
+
+    Args:
+        command: Program and arguments.
+        size: Columns and rows.
+        environment: Laid over this process's environment; None removes a variable.
+        **streams: stdin, stdout or stderr elsewhere than in the terminal, as for subprocess.Popen.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        size: tuple[int, int] = (80, 24),
+        environment: Mapping[str, str] | None = None,
+        **streams: Any,
+    ) -> None:
+        self._master, self._slave = pty.openpty()
+        self.resize(*size)
+        self.modes_before = termios.tcgetattr(self._slave)
+        self.output = ""
+        self._closed = threading.Event()
+        self.process = subprocess.Popen(
+            command,
+            **{"stdin": self._slave, "stdout": self._slave, "stderr": self._slave, **streams},
+            cwd=REPOSITORY,
+            env={
+                **os.environ,
+                "PYTHONPATH": str(REPOSITORY),
+                "TERM": "xterm-256color",
+                **(environment or {}),
+            },
+            start_new_session=True,
+            preexec_fn=self._control_terminal,
+        )
+        self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
+        self._reader.start()
+
+    def _control_terminal(self) -> None:
+        fcntl.ioctl(self._slave, termios.TIOCSCTTY, 0)
+
+    def _read(self) -> None:
+        while not self._closed.is_set():
+            if select.select([self._master], [], [], 0.05)[0]:
+                try:
+                    data = os.read(self._master, 65536)
+                except OSError:
+                    return
+                self.output += data.decode("utf-8", "replace")
+
+    @property
+    def text(self) -> str:
+        """Everything written so far without control sequences."""
+        return _SEQUENCE.sub("", self.output)
+
+    @property
+    def screen(self) -> str:
+        """What was written since the display was drawn from the top for the last time."""
+        return _SEQUENCE.sub("", self.output.rsplit("\x1b[H", 1)[-1])
+
+    @property
+    def modes(self) -> list[Any]:
+        """Present modes of the terminal."""
+        return termios.tcgetattr(self._slave)
+
+    def resize(self, columns: int, rows: int) -> None:
+        """Change the window's size."""
+        fcntl.ioctl(self._slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def type(self, keys: bytes) -> None:
+        """Type keys."""
+        os.write(self._master, keys)
+
+    def wait_for(self, wanted: str, where: str = "screen") -> None:
+        """Wait until a text is on the screen (`where` = "text" or "output": was written at all)."""
+        end = time.monotonic() + DEADLINE_S
+        while wanted not in getattr(self, where):
+            assert time.monotonic() < end, f"{wanted!r} never came; the {where} is:\n{getattr(self, where)}"
+            self._closed.wait(0.01)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to the program."""
+        self.process.send_signal(number)
+
+    def hang_up(self) -> None:
+        """Close the terminal's window."""
+        self._closed.set()
+        self._reader.join()
+        os.close(self._slave)
+        os.close(self._master)
+        self._master = self._slave = -1
+
+    def wait(self) -> int:
+        """Wait for the program's end; returns its exit code (negative: killed by that signal)."""
+        code = self.process.wait(DEADLINE_S)
+        self._closed.wait(0.1)  # the last output is on its way
+        return code
+
+    def __enter__(self) -> TerminalSession:
+        """Nothing: the program runs already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Kill what still runs; close the terminal."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._closed.set()
+        self._reader.join()
+        for descriptor in (self._slave, self._master):
+            if descriptor >= 0:
+                os.close(descriptor)

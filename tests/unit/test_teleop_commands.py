@@ -1,0 +1,241 @@
+"""What keys do: steps from the measured position, limits, poses, actions, repeats, refusals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, seed, settings
+from hypothesis import strategies as st
+
+from softsim_core.actuation.limits import JointLimits
+from softsim_core.scene import load_scene
+from softsim_core.scene.description import CommandSettings, JointDescription, KeyBinding, SceneDescription
+from softsim_ros.teleop.commands import CallAction, PublishCommand, Quit, key_table, press, unknown_keys
+from softsim_ros.teleop.decoder import KEY_NAMES, KeyPress
+from softsim_ros.teleop.state import (
+    STALE_AFTER_S,
+    TeleopState,
+    held_positions,
+    with_command,
+    with_heard_command,
+    with_measurement,
+)
+
+TRIPOD = load_scene("tripod")
+FREE = replace(TRIPOD, commands=CommandSettings(enforce_limits=False))
+AT = (-1.0, -1.1, -1.2)
+MEASURED = TeleopState(measured=AT, measured_at=0.0)
+
+
+def published(
+    state: TeleopState, name: str, now: float = 0.0, robot: SceneDescription = TRIPOD
+) -> tuple[float, ...]:
+    """The one command a key publishes."""
+    _, effects = press(state, robot, KeyPress(name), now)
+    assert len(effects) == 1
+    assert isinstance(effects[0], PublishCommand)
+    return effects[0].values
+
+
+@pytest.mark.parametrize("ctrl", [False, True])
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("up", (-0.9, -1.1, -1.2)),
+        ("down", (-1.1, -1.1, -1.2)),
+        ("left", (-1.0, -1.0, -1.2)),
+        ("right", (-1.0, -1.2, -1.2)),
+        ("plus", (-1.0, -1.1, -1.1)),
+        ("minus", (-1.0, -1.1, -1.3)),
+        ("q", (-3.14 / 3,) * 3),
+        ("z", (-3.14 / 4,) * 3),
+    ],
+)
+def test_the_tripods_keys(name: str, ctrl: bool, expected: tuple[float, ...]) -> None:
+    state, effects = press(MEASURED, TRIPOD, KeyPress(name, ctrl), 0.0)
+    assert isinstance(effects[0], PublishCommand)
+    assert effects[0].values == pytest.approx(expected)
+    assert state.commanded == effects[0].values
+    assert state.last_key == str(KeyPress(name, ctrl))
+
+
+@pytest.mark.parametrize(
+    ("name", "action"), [("a", "start"), ("b", "send"), ("i", "inverse"), ("r", "reset"), ("space", "pause")]
+)
+def test_action_keys_need_no_measurement(name: str, action: str) -> None:
+    for ctrl in (False, True):
+        _, effects = press(TeleopState(), TRIPOD, KeyPress(name, ctrl), 0.0)
+        assert effects == (CallAction(action),)
+
+
+@pytest.mark.parametrize("key", [KeyPress("x"), KeyPress("x", True), KeyPress("c", True)])
+def test_quitting(key: KeyPress) -> None:
+    assert press(TeleopState(), TRIPOD, key, 0.0)[1] == (Quit(),)
+
+
+def test_a_step_starts_from_the_measured_position() -> None:
+    commanded = replace(MEASURED, commanded=(-0.2, -0.3, -0.4), trusted_until=10.0)
+    assert published(commanded, "up") == pytest.approx((-0.9, -0.3, -0.4))
+
+
+def test_other_joints_keep_a_command_unless_something_else_moved_them() -> None:
+    state = with_command(MEASURED, TRIPOD, (-1.0, -0.5, -1.205), now=0.0)
+    assert held_positions(state, 0.1) == (-1.0, -0.5, -1.205)  # still on the way
+    later = with_measurement(state, AT, 9.0)
+    assert held_positions(later, 9.0) == (-1.0, -1.1, -1.205)  # joint 1 was moved; joint 2 only sags
+    assert held_positions(MEASURED, 0.0) == AT
+
+
+def test_commands_of_others_are_adopted_and_own_echoes_are_not() -> None:
+    state, _ = press(MEASURED, TRIPOD, KeyPress("up"), 0.0)
+    first = state.commanded
+    assert first is not None
+    state, _ = press(state, TRIPOD, KeyPress("left"), 0.0)
+    second = state.commanded
+    state = with_heard_command(state, TRIPOD, first, 0.01)  # late echo of the first
+    assert state.commanded == second
+    state = with_heard_command(state, TRIPOD, second or (), 0.02)
+    assert (state.commanded, state.echoes) == (second, ())
+    assert with_heard_command(state, TRIPOD, (-0.5, -0.5, -0.5), 0.03).commanded == (-0.5, -0.5, -0.5)
+    for nonsense in ((1.0,), (math.nan, 0.0, 0.0)):
+        assert with_heard_command(state, TRIPOD, nonsense, 0.04) == state
+
+
+def test_limits_stop_a_step_and_say_so() -> None:
+    near = with_measurement(MEASURED, (-0.05, -2.0, -1.0), 0.0)
+    state, effects = press(near, TRIPOD, KeyPress("up"), 0.0)
+    assert isinstance(effects[0], PublishCommand)
+    assert effects[0].values == (-0.0255, -2.0, -1.0)
+    assert state.message == "servo_0 stops at its upper limit -0.0255 rad (-1.5 deg)"
+    state, _ = press(near, TRIPOD, KeyPress("right"), 0.0)
+    assert state.message == "servo_1 stops at its lower limit -2.0225 rad (-115.9 deg)"
+
+
+def test_limits_that_are_not_enforced_allow_full_turns() -> None:
+    near = with_measurement(MEASURED, (3.1, -2.0, -1.0), 0.0)
+    assert published(near, "up", robot=FREE) == pytest.approx((3.2, -2.0, -1.0))
+
+
+def test_slides_are_shown_in_metres() -> None:
+    robot = SceneDescription(
+        name="slide",
+        joints=(JointDescription(name="rail", kind="prismatic", limits=JointLimits(upper=0.01)),),
+        keys={"up": KeyBinding(joints=("rail",), by=0.002, help="out")},
+    )
+    state, _ = press(TeleopState(measured=(0.001,), measured_at=0.0), robot, KeyPress("up"), 0.0)
+    assert state.message == "rail to 0.0030 m (3.0 mm)"
+
+
+def test_a_held_key_steps_ten_times_a_second() -> None:
+    state, times = MEASURED, []
+    for tick in range(91):  # 3 s of key repeat at 30 Hz
+        now = tick / 30.0
+        state, effects = press(with_measurement(state, AT, now), TRIPOD, KeyPress("up"), now)
+        times += [now] * len(effects)
+    assert 25 <= len(times) <= 31
+    assert min(b - a for a, b in pairwise(times)) >= 0.1 - 1e-9
+    _, effects = press(state, TRIPOD, KeyPress("left"), now)  # other keys are not held back
+    assert effects
+
+
+def test_a_slow_joint_is_stepped_slower() -> None:
+    slow = JointDescription(name="slow", limits=JointLimits(speed=0.1))
+    robot = SceneDescription(
+        name="one", joints=(slow,), keys={"up": KeyBinding(joints=("slow",), by=0.1, help="up")}
+    )
+    state, effects = press(TeleopState(measured=(0.0,), measured_at=0.0), robot, KeyPress("up"), 0.0)
+    assert effects
+    state, effects = press(state, robot, KeyPress("up"), 0.9)
+    assert not effects
+    assert press(state, robot, KeyPress("up"), 1.0)[1]
+
+
+@pytest.mark.parametrize("name", ["b", "space", "i", "r", "a"])
+def test_a_held_action_key_acts_once(name: str) -> None:
+    state, count = MEASURED, 0
+    for now in (0.0, *(0.66 + tick / 25.0 for tick in range(50))):  # X11's slowest delay, then repeats
+        state, effects = press(state, TRIPOD, KeyPress(name), now)
+        count += len(effects)
+    assert count == 1
+    assert press(state, TRIPOD, KeyPress(name), now + 1.0)[1]  # released, pressed again
+
+
+def test_nothing_moves_without_a_measurement() -> None:
+    state, effects = press(TeleopState(), TRIPOD, KeyPress("up"), 0.0)
+    assert not effects
+    assert "no joint_states received yet" in state.message
+    late = STALE_AFTER_S + 1.0
+    state, effects = press(MEASURED, TRIPOD, KeyPress("q"), late)
+    assert not effects
+    assert "no joint_states for 3 s" in state.message
+    state, effects = press(replace(MEASURED, paused=True), TRIPOD, KeyPress("q"), late)
+    assert not effects
+    assert "paused" in state.message
+
+
+def test_a_non_finite_measurement_is_not_used() -> None:
+    state = with_measurement(MEASURED, (0.0, math.nan, 0.0), 1.0)
+    assert (state.measured, state.measured_at) == (AT, 0.0)
+    assert "not a finite number" in state.message
+
+
+def test_inverse_control_owns_the_joints() -> None:
+    state, effects = press(replace(MEASURED, inverse=True), TRIPOD, KeyPress("up"), 0.0)
+    assert not effects
+    assert "inverse control" in state.message
+
+
+def test_unbound_keys_and_help() -> None:
+    state, effects = press(MEASURED, TRIPOD, KeyPress("k"), 0.0)
+    assert not effects
+    assert "k is not bound" in state.message
+    state, effects = press(state, TRIPOD, KeyPress("?"), 0.0)
+    assert not effects
+    assert not state.show_help
+
+
+def test_a_robot_may_bind_the_built_in_keys_itself() -> None:
+    robot = replace(TRIPOD, keys={"x": KeyBinding(pose="mid", help="mid pose")})
+    assert published(MEASURED, "x", robot=robot) == pytest.approx((-3.14 / 3,) * 3)
+    assert press(MEASURED, robot, KeyPress("c", True), 0.0)[1] == (Quit(),)
+    assert list(key_table(robot)) == ["x", "space", "r"]
+
+
+def test_keys_no_terminal_sends_are_named() -> None:
+    assert unknown_keys(TRIPOD) is None
+    sentence = unknown_keys(replace(TRIPOD, keys={"uparrow": KeyBinding(pose="mid", help="mid")}))
+    assert sentence is not None
+    assert "uparrow" in sentence
+    assert "up" in sentence.split(", ")
+
+
+@seed(22)
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(sorted(KEY_NAMES)),
+            st.booleans(),
+            st.floats(0.0, 0.3),
+            st.tuples(*[st.floats(-4.0, 4.0)] * 3),
+        ),
+        max_size=40,
+    )
+)
+def test_whatever_is_typed_commands_stay_finite_and_within_limits(
+    presses: list[tuple[str, bool, float, tuple[float, ...]]],
+) -> None:
+    state, now = TeleopState(), 0.0
+    for name, ctrl, pause, positions in presses:
+        now += pause
+        state = with_measurement(state, positions, now)
+        state, effects = press(state, TRIPOD, KeyPress(name, ctrl), now)
+        for effect in effects:
+            if isinstance(effect, PublishCommand):
+                assert all(
+                    joint.limits.lower <= value <= joint.limits.upper
+                    for joint, value in zip(TRIPOD.joints, effect.values, strict=True)
+                )
