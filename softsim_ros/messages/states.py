@@ -32,19 +32,25 @@ def clock(seconds: float) -> Clock:
 
 
 def joint_state(
-    stamp: Time, names: Sequence[str], positions: ArrayLike, velocities: ArrayLike, efforts: ArrayLike
+    stamp: Time,
+    frame: str,
+    names: Sequence[str],
+    positions: ArrayLike,
+    velocities: ArrayLike,
+    efforts: ArrayLike,
 ) -> JointState:
     """Joint states in the order of `names`.
 
     Args:
         stamp: Time of the state.
+        frame: Frame the joints sit in.
         names: Joint names, length nj.
         positions: [rad] or [m], shape (nj,).
         velocities: [rad/s] or [m/s], shape (nj,).
         efforts: What a servo must hold, [N m] or [N], shape (nj,).
     """
     return JointState(
-        header=header(stamp, ""),
+        header=header(stamp, frame),
         name=list(names),
         position=message_array(positions, "d"),
         velocity=message_array(velocities, "d"),

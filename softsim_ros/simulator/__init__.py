@@ -1,0 +1,1 @@
+"""The simulator: physics in its own thread, and the ROS node around it."""

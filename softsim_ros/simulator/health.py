@@ -1,0 +1,60 @@
+"""The simulator's line in /diagnostics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softsim_ros.messages.diagnostics import ERROR, OK, WARN
+from softsim_ros.simulator.physics_thread import PhysicsStatus
+
+SLOW = 0.95
+"""Below this share of the asked speed the simulator says that it is slow."""
+
+
+def memory_mb() -> float:
+    """Resident memory of this process in [MB]; 0 where /proc does not tell."""
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return float(line.split()[1]) / 1024.0
+    except OSError:
+        pass
+    return 0.0
+
+
+def health(
+    status: PhysicsStatus, alive: bool, speed: float, backend: str
+) -> tuple[bytes, str, dict[str, object]]:
+    """Level, sentence and values of the diagnostics.
+
+    Args:
+        status: What the physics did lately.
+        alive: Whether its thread runs.
+        speed: Asked speed, simulated seconds a wall second; 0 is as fast as possible.
+        backend: Implementation of the step.
+    """
+    factor = status.speed.real_time_factor
+    state = "paused" if status.paused else "running"
+    level, sentence = OK, state
+    if not alive:
+        level, sentence, state = ERROR, "the physics thread has ended; restart the simulator", "ended"
+    elif status.fault:
+        level, sentence, state = ERROR, status.fault, "stopped"
+    elif not status.paused and 0.0 < factor < SLOW * speed:
+        level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
+    values: dict[str, object] = {
+        "state": state,
+        "real_time_factor": factor,
+        "steps_per_second": status.speed.steps_per_second,
+        "steps": status.steps,
+        "time_s": status.time_s,
+        "time_behind_s": status.late_s,
+        "trajectory": "running" if status.trajectory else "none",
+        "clamped_commands": status.clamped_commands,
+        "refused_commands": status.refused_commands,
+        "backend": backend,
+        "memory_mb": memory_mb(),
+    }
+    for stage, time_ms in status.speed.stages_ms.items():
+        values[f"{stage}_ms"] = time_ms
+    return level, sentence, values

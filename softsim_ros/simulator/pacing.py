@@ -1,0 +1,112 @@
+"""When the next step is due on the steady clock, and how fast simulated time runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+class Pacer:
+    """Due times of fixed steps: every dt / speed seconds, moved to now when the steps fall behind.
+
+    A late step is followed at once by the next one; behind by more than `tolerance_s` the schedule starts
+    anew from now. No step is ever left out: simulated time then runs slower than asked, and `late_s` says how much.
+
+    Args:
+        tolerance_s: How far steps may fall behind and still catch up, in [s].
+
+    Attributes:
+        late_s: Time given up so far by starting the schedule anew, in [s].
+        restarts: How often that happened.
+    """
+
+    def __init__(self, tolerance_s: float = 0.1) -> None:
+        self.tolerance_s = tolerance_s
+        self.late_s, self.restarts = 0.0, 0
+        self._due: float | None = None
+
+    def start(self) -> None:
+        """Begin a new schedule with the next call of `wait_s` (after a pause, or a change of speed)."""
+        self._due = None
+
+    def wait_s(self, now: float, period_s: float) -> float:
+        """How long to wait after a step that ended at `now`.
+
+        Args:
+            now: Steady clock in [s].
+            period_s: Time from step to step in [s]; 0 means as fast as possible.
+
+        Returns:
+            Seconds until the next step is due, >= 0.
+        """
+        if period_s <= 0.0:
+            self._due = None
+            return 0.0
+        self._due = now + period_s if self._due is None else self._due + period_s
+        behind = now - self._due
+        if behind > self.tolerance_s:
+            self.late_s += behind
+            self.restarts += 1
+            self._due = now
+        return max(0.0, -behind)
+
+
+@dataclass
+class RateGate:
+    """Lets something through at most every `period_s` seconds, without drift.
+
+    Attributes:
+        period_s: Shortest mean time from one passage to the next, in [s].
+    """
+
+    period_s: float
+    _due: float = field(default=-float("inf"), init=False)
+
+    def passes(self, now: float) -> bool:
+        """Whether it is time at `now` (steady clock in [s]); True books the passage."""
+        if now < self._due:
+            return False
+        late = now - self._due > self.period_s  # after a gap: no burst to catch up
+        self._due = (now if late else self._due) + self.period_s
+        return True
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What the physics did in one stretch of wall time.
+
+    Attributes:
+        real_time_factor: Simulated over wall time, [-]; 0 while paused.
+        steps_per_second: Steps done per second of wall time.
+        stages_ms: Mean time of each stage of a step in [ms].
+    """
+
+    real_time_factor: float = 0.0
+    steps_per_second: float = 0.0
+    stages_ms: dict[str, float] = field(default_factory=dict)
+
+
+class SpeedMeter:
+    """Gathers steps and their stage times over stretches of about a second."""
+
+    def __init__(self, dt: float, now: float) -> None:
+        self._dt, self._since = dt, now
+        self._steps = 0
+        self._sums: dict[str, float] = {}
+
+    def add_step(self, stages_ms: dict[str, float]) -> None:
+        """Count one step with the time of each of its stages in [ms]."""
+        self._steps += 1
+        for stage, time_ms in stages_ms.items():
+            self._sums[stage] = self._sums.get(stage, 0.0) + time_ms
+
+    def take(self, now: float) -> Speed:
+        """The stretch up to `now` (steady clock in [s]); the next one begins."""
+        elapsed = max(now - self._since, 1e-9)
+        steps = self._steps
+        speed = Speed(
+            steps * self._dt / elapsed,
+            steps / elapsed,
+            {stage: total / max(steps, 1) for stage, total in self._sums.items()},
+        )
+        self._since, self._steps, self._sums = now, 0, {}
+        return speed

@@ -1,0 +1,181 @@
+"""The simulator's parameters: which exist, what they allow, and what a change at run time does."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from rclpy.node import Node
+
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.runtime import declare_number, declare_switch, declare_text
+from softsim_ros.simulator.snapshot_file import default_snapshot_file
+
+BACKENDS = ("auto", "numba", "scipy")
+OUT_OF_RANGE = ("clamp", "refuse")
+DEFAULT_ROBOT = "tripod"
+
+
+class Tuning(NamedTuple):
+    """How a physical parameter is read from and written to a running simulation."""
+
+    read: Callable[[Simulation], float]
+    write: Callable[[Simulation, float], None]
+
+
+@dataclass(frozen=True)
+class StartParameters:
+    """Values at start.
+
+    Attributes:
+        scene: The scene with what the parameters say laid over it.
+        backend: Implementation of the step.
+        speed: Simulated seconds a wall second; 0 is as fast as possible.
+        mesh_rate: Messages a second on mesh/points, in [Hz].
+        marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
+        publish_clock: Whether simulated time goes to /clock and into the stamps.
+        tunings: Parameters of the physics that change at run time, by name.
+    """
+
+    scene: SceneDescription
+    backend: str
+    speed: float
+    mesh_rate: float
+    marker_stress: float
+    publish_clock: bool
+    tunings: dict[str, Tuning]
+
+
+def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
+    """Declare and return which robot or scene runs: a name or a path."""
+    return declare_text(
+        node, "robot", default, "Robot or scene: a name such as tripod, or the path of a .yaml or .py file"
+    )
+
+
+def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> StartParameters:
+    """Declare all parameters but `robot`; defaults come from the scene.
+
+    Raises:
+        ParameterError: a value given at start is not allowed.
+        SceneError: the scene does not allow it.
+    """
+    backend = declare_text(
+        node, "backend", scene.solver.backend, "Implementation of the step", choices=BACKENDS
+    )
+    out_of_range = declare_text(
+        node,
+        "out_of_range",
+        scene.commands.out_of_range,
+        "What happens to a command beyond the limits: it is clamped, or refused whole",
+        choices=OUT_OF_RANGE,
+    )
+    enforce = declare_switch(
+        node,
+        "enforce_limits",
+        scene.commands.enforce_limits,
+        "Keep joint limits (position and speed); false allows full turns, in simulation only",
+    )
+    declare_text(
+        node,
+        "snapshot_file",
+        str(default_snapshot_file(robot)),
+        "File that ~/save writes and ~/load reads",
+        read_only=False,
+    )
+    clock = declare_switch(
+        node, "publish_clock", False, "Send simulated time on /clock and stamp with it", read_only=True
+    )
+    speed = declare_number(
+        node, "speed", 1.0, "Simulated seconds a wall second; 0.0 is as fast as possible", 0.0, 1000.0
+    )
+    mesh_rate = declare_number(
+        node, "mesh_rate", 30.0, "Messages a second on mesh/points, in Hz; 0.0 sends none", 0.0, 1000.0
+    )
+    marker_stress = declare_number(
+        node,
+        "marker_stress",
+        0.0,
+        "Stress in Pa of the last colour of mesh/marker; 0.0 takes the largest of each message",
+        0.0,
+        1.0e12,
+    )
+    scene, tunings = _declare_physics(node, scene)
+    commands = dataclasses.replace(
+        scene.commands, enforce_limits=enforce, out_of_range="refuse" if out_of_range == "refuse" else "clamp"
+    )
+    return StartParameters(
+        scene=dataclasses.replace(scene, commands=commands),
+        backend=backend,
+        speed=speed,
+        mesh_rate=mesh_rate,
+        marker_stress=marker_stress,
+        publish_clock=clock,
+        tunings=tunings,
+    )
+
+
+def _declare_physics(node: Node, scene: SceneDescription) -> tuple[SceneDescription, dict[str, Tuning]]:
+    """Material and damping: `young_modulus`; with several bodies `BODY.young_modulus`."""
+    tunings: dict[str, Tuning] = {}
+    bodies = []
+    for body in scene.bodies:
+        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
+        young = declare_number(
+            node,
+            f"{prefix}young_modulus",
+            body.material.young_modulus,
+            f"Young modulus of {body.name} in Pa",
+            1.0,
+            1.0e12,
+        )
+        poisson = declare_number(
+            node,
+            f"{prefix}poisson_ratio",
+            body.material.poisson_ratio,
+            f"Poisson ratio of {body.name}",
+            -0.99,
+            0.499,
+        )
+        material = dataclasses.replace(body.material, young_modulus=young, poisson_ratio=poisson)
+        bodies.append(dataclasses.replace(body, material=material))
+        tunings[f"{prefix}young_modulus"] = _young_modulus_of(body.name)
+        tunings[f"{prefix}poisson_ratio"] = _poisson_ratio_of(body.name)
+    stiffness = declare_number(
+        node, "rayleigh_stiffness", scene.solver.rayleigh_stiffness, "Damping per stiffness in s", 0.0, 10.0
+    )
+    mass = declare_number(
+        node, "rayleigh_mass", scene.solver.rayleigh_mass, "Damping per mass in 1/s", 0.0, 1.0e4
+    )
+    tunings["rayleigh_stiffness"] = Tuning(
+        lambda simulation: simulation.parameters.rayleigh_stiffness,
+        lambda simulation, value: simulation.set_damping(rayleigh_stiffness=value),
+    )
+    tunings["rayleigh_mass"] = Tuning(
+        lambda simulation: simulation.parameters.rayleigh_mass,
+        lambda simulation, value: simulation.set_damping(rayleigh_mass=value),
+    )
+    solver = dataclasses.replace(scene.solver, rayleigh_stiffness=stiffness, rayleigh_mass=mass)
+    return dataclasses.replace(scene, bodies=tuple(bodies), solver=solver), tunings
+
+
+def _young_modulus_of(body: str) -> Tuning:
+    return Tuning(
+        lambda simulation: _shortest(simulation.material(body).young_modulus),
+        lambda simulation, value: simulation.set_material(body, young_modulus=value),
+    )
+
+
+def _poisson_ratio_of(body: str) -> Tuning:
+    return Tuning(
+        lambda simulation: _shortest(simulation.material(body).poisson_ratio),
+        lambda simulation, value: simulation.set_material(body, poisson_ratio=value),
+    )
+
+
+def _shortest(value: float) -> float:
+    """The value without the last digits, which a way through the Lame parameters leaves unsure."""
+    return float(f"{value:.12g}")

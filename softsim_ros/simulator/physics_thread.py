@@ -1,0 +1,324 @@
+"""The physics in a thread of its own: fixed steps on the steady clock, requests served between steps."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError  # TimeoutError itself from Python 3.11 on
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from softsim_core.actuation.trajectory import JointTrajectory
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
+from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
+
+IDLE_PERIOD_S = 0.1
+"""While paused the unchanged state is shown this often, in [s], so that late joiners see it."""
+
+REQUEST_TIMEOUT_S = 30.0
+"""A request waits this long for the step in progress, in [s]."""
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class PhysicsStatus:
+    """What the thread did lately.
+
+    Attributes:
+        speed: Real-time factor, step rate and stage times of the last second or so.
+        time_s: Simulated time in [s].
+        steps: Steps done since the start of the scene.
+        paused: Whether steps are stopped.
+        fault: Why the physics stopped by itself; empty while it is well.
+        late_s: Wall time in [s] by which simulated time fell behind the asked speed, in all.
+        clamped_commands: Commands that were moved to the limits, in all.
+        refused_commands: Commands that the simulation refused, in all.
+        trajectory: Whether a trajectory is running.
+    """
+
+    speed: Speed = field(default_factory=Speed)
+    time_s: float = 0.0
+    steps: int = 0
+    paused: bool = False
+    fault: str = ""
+    late_s: float = 0.0
+    clamped_commands: int = 0
+    refused_commands: int = 0
+    trajectory: bool = False
+
+
+class PhysicsThread:
+    """Owns a simulation once started: nothing else may touch it, except through `call`.
+
+    Args:
+        simulation: What to run.
+        on_state: Called in the thread after every step and every request that changed the state; True as
+            second argument asks to show the whole state at once. Returns the milliseconds it took.
+        on_refusal: Called in the thread with the sentence of a refused command.
+        on_fault: Called in the thread with a sentence when the physics stops by itself.
+        speed: Simulated seconds a wall second, >= 0; 0 is as fast as possible.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        on_state: Callable[[Simulation, bool], float],
+        on_refusal: Callable[[str], None],
+        on_fault: Callable[[str], None],
+        speed: float = 1.0,
+    ) -> None:
+        self._simulation = simulation
+        self._on_state, self._on_refusal, self._on_fault = on_state, on_refusal, on_fault
+        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._command_lock = threading.Lock()
+        self._newest: Array | JointTrajectory | None = None
+        self._trajectory: tuple[JointTrajectory, float, Array] | None = None
+        self._speed = speed
+        self._paused = False
+        self._fault = ""
+        self._clamped = self._refused = 0
+        self._pacer = Pacer()
+        self._meter = SpeedMeter(simulation.dt, time.monotonic())
+        self._report_gate = RateGate(1.0)
+        self._last_speed = Speed()
+        self.status = PhysicsStatus()
+        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
+
+    # --- from any thread ----------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin stepping."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End after the step in progress and join; a second call does nothing."""
+        self._requests.put(None)
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def command(self, target: Array | JointTrajectory) -> None:
+        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins."""
+        with self._command_lock:
+            self._newest = target
+
+    def call(self, action: Callable[[Simulation], Result], *, shows: bool = True) -> Result:
+        """Run an action on the simulation between two steps and wait for its result.
+
+        Args:
+            action: Gets the simulation; what it raises is raised here.
+            shows: Show the state afterwards, as after a step.
+
+        Raises:
+            SoftSimError: the thread has ended, or is stuck in one step for longer than REQUEST_TIMEOUT_S.
+        """
+        future: Future[Result] = Future()
+
+        def serve() -> None:
+            try:
+                result = action(self._simulation)
+                if shows:
+                    self._show(whole=True)
+            except BaseException as error:
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+
+        return self._ask(serve, future)
+
+    def set_speed(self, speed: float) -> None:
+        """Simulated seconds a wall second, >= 0; 0 is as fast as possible."""
+
+        def change(_: Simulation) -> None:
+            self._speed = speed
+            self._pacer.start()
+
+        self.call(change, shows=False)
+
+    def pause(self, paused: bool) -> None:
+        """Stop or go on stepping."""
+
+        def change(_: Simulation) -> None:
+            self._paused = paused
+            self._pacer.start()
+            if not paused:
+                self._fault = ""
+
+        self.call(change)
+
+    def step_once(self) -> None:
+        """Do one step while paused.
+
+        Raises:
+            CommandError: it is running.
+            SoftSimError: the step failed.
+        """
+
+        def step(_: Simulation) -> None:
+            if not self._paused:
+                raise CommandError("step refused: the simulation is running; pause it first")
+            self._step()
+            if self._fault:
+                raise SoftSimError(self._fault)
+
+        self.call(step, shows=False)
+
+    def reset(self) -> None:
+        """Back to the start of the scene; commands and trajectories given before are forgotten."""
+
+        def start_again(simulation: Simulation) -> None:
+            self._forget_commands()
+            simulation.reset()
+            self._fault = ""
+
+        self.call(start_again)
+
+    def restore(self, data: bytes) -> None:
+        """Go to a snapshot; commands and trajectories given before are forgotten.
+
+        Raises:
+            SnapshotError: not a snapshot of this scene; nothing is changed.
+        """
+
+        def go(simulation: Simulation) -> None:
+            simulation.restore(data)
+            self._forget_commands()
+            self._fault = ""
+
+        self.call(go)
+
+    def play_start(self) -> None:
+        """Begin the start animation; a running trajectory ends.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+
+        def begin(simulation: Simulation) -> None:
+            simulation.start_animation()
+            self._forget_commands()
+
+        self.call(begin, shows=False)
+
+    # --- in the thread ------------------------------------------------------------------------------------
+
+    def _ask(self, serve: Callable[[], None], future: Future[Result]) -> Result:
+        self._requests.put(serve)
+        waited = 0.0
+        while waited < REQUEST_TIMEOUT_S:
+            try:
+                return future.result(timeout=1.0)
+            except FutureTimeoutError:
+                if future.done():  # the action itself timed out
+                    raise
+                waited += 1.0
+            if not self._thread.is_alive():
+                raise SoftSimError("request refused: the physics has ended")
+        raise SoftSimError(f"request given up: a physics step takes more than {REQUEST_TIMEOUT_S:g} s")
+
+    def _run(self) -> None:
+        self._show(whole=True)
+        delay = 0.0
+        while self._serve_requests(delay):
+            if self._paused:
+                delay = IDLE_PERIOD_S
+                self._show(whole=True)
+            else:
+                self._step()
+                period = self._simulation.dt / self._speed if self._speed > 0.0 else 0.0
+                delay = self._pacer.wait_s(time.monotonic(), period)
+
+    def _serve_requests(self, delay: float) -> bool:
+        """Wait for the next step to be due and serve what comes in until then; False: the end."""
+        due = time.monotonic() + delay
+        while True:
+            left = due - time.monotonic()
+            try:
+                request = self._requests.get(timeout=left) if left > 0.0 else self._requests.get_nowait()
+            except queue.Empty:
+                return True
+            if request is None:
+                return False
+            paused = self._paused
+            request()
+            if self._paused != paused:
+                return True
+
+    def _step(self) -> None:
+        simulation = self._simulation
+        try:
+            self._apply_command()
+            simulation.step()
+        except SolverDivergedError as error:
+            self._stop_on_fault(f"{error}; paused at the last good state: ease the load or call ~/reset")
+        except Exception as error:  # a scene's own controller may raise anything; the node must live on
+            self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
+        else:
+            publishing = self._show(whole=False)
+            self._meter.add_step({**simulation.stage_times, "publishing": publishing})
+
+    def _stop_on_fault(self, sentence: str) -> None:
+        self._forget_commands()
+        self._paused, self._fault = True, sentence
+        self._show(whole=True)
+        self._on_fault(sentence)
+
+    def _apply_command(self) -> None:
+        with self._command_lock:
+            newest, self._newest = self._newest, None
+        simulation = self._simulation
+        try:
+            if isinstance(newest, JointTrajectory):
+                self._trajectory = (newest, simulation.time, simulation.joint_targets)
+            elif newest is not None:
+                self._trajectory = None
+                self._command(newest)
+            if self._trajectory is not None:
+                trajectory, begin, start = self._trajectory
+                elapsed = simulation.time + simulation.dt - begin  # targets hold at the end of the step
+                if trajectory.is_over(elapsed):
+                    self._trajectory = None
+                self._command(trajectory.sample(elapsed, start, simulation.joint_names))
+        except CommandError as error:
+            self._trajectory = None
+            self._refused += 1
+            self._on_refusal(str(error))
+
+    def _command(self, values: Array) -> None:
+        accepted = self._simulation.command(values)
+        self._clamped += not np.array_equal(accepted, values)
+
+    def _forget_commands(self) -> None:
+        with self._command_lock:
+            self._newest = None
+        self._trajectory = None
+
+    def _show(self, *, whole: bool) -> float:
+        now = time.monotonic()
+        if self._report_gate.passes(now):
+            self._last_speed = self._meter.take(now)
+        simulation = self._simulation
+        self.status = PhysicsStatus(
+            speed=self._last_speed,
+            time_s=simulation.time,
+            steps=simulation.step_count,
+            paused=self._paused,
+            fault=self._fault,
+            late_s=self._pacer.late_s,
+            clamped_commands=self._clamped,
+            refused_commands=self._refused,
+            trajectory=self._trajectory is not None,
+        )
+        return self._on_state(simulation, whole)

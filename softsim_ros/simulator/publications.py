@@ -1,0 +1,179 @@
+"""Every topic the simulator sends from its physics thread, each at its own rate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, PointCloud2
+from shape_msgs.msg import Mesh
+from visualization_msgs.msg import Marker
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_ros import messages
+from softsim_ros.simulator.pacing import RateGate
+
+WORLD = "world"
+MARKER_PERIOD_S = 0.1
+"""RViz copes with one large marker at 10 Hz."""
+
+TF_PERIOD_S = 1.0 / 50.0
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def tf_message_type() -> Any | None:
+    """The class tf2_msgs/TFMessage where it is installed, else None (it is not on PyPI)."""
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        return None
+    return TFMessage
+
+
+class Publications:
+    """Publishers of a simulation's state; `publish` is called from the one thread that owns the simulation.
+
+    Args:
+        node: Owner of the publishers.
+        simulation: What will be shown; its surface and joints must not change.
+        robot: Name of the robot, prefix of its base and effector frames.
+        mesh_rate: Messages a second on mesh/points, in [Hz]; 0 sends none.
+        publish_clock: Send simulated time on /clock and stamp every message with it.
+        marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        simulation: Simulation,
+        robot: str,
+        *,
+        mesh_rate: float = 30.0,
+        publish_clock: bool = False,
+        marker_stress: float = 0.0,
+    ) -> None:
+        self._context, self._now = node.context, node.get_clock().now
+        self._base = f"{robot}_base"
+        self._frame_names = {simulation.scene.effector: f"{robot}_effector"}
+        self.marker_stress = marker_stress
+        self._mesh_gate: RateGate | None = None
+        self.mesh_rate = mesh_rate
+        self._marker_gate, self._tf_gate = RateGate(MARKER_PERIOD_S), RateGate(TF_PERIOD_S)
+        self._publish_clock = publish_clock
+        if publish_clock:
+            self._clock = node.create_publisher(Clock, "/clock", 1)
+        self._joint_states = node.create_publisher(JointState, "joint_states", 10)
+        self._effector_pose = node.create_publisher(PoseStamped, "effector_pose", 5)
+        self._points = node.create_publisher(PointCloud2, "mesh/points", 1)
+        self._marker = node.create_publisher(Marker, "mesh/marker", 1)
+        self._topology = node.create_publisher(Mesh, "mesh/topology", LATCHED)
+        self._tf: Any | None = None
+        self._create_tf(node)
+        points, triangles = simulation.visual_rest_points, simulation.visual_triangles
+        self._topology.publish(messages.topology(points, triangles))
+        self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
+
+    @property
+    def mesh_rate(self) -> float:
+        """Messages a second on mesh/points, in [Hz]; 0 sends none."""
+        return 1.0 / self._mesh_gate.period_s if self._mesh_gate else 0.0
+
+    @mesh_rate.setter
+    def mesh_rate(self, rate: float) -> None:
+        self._mesh_gate = RateGate(1.0 / rate) if rate > 0.0 else None
+
+    def publish(self, simulation: Simulation, whole: bool) -> float:
+        """Send what is due, only to topics that somebody listens to where a message is large.
+
+        Args:
+            simulation: State to show.
+            whole: Send everything now, whatever the rates.
+
+        Returns:
+            Time it took in [ms].
+        """
+        started = time.perf_counter()
+        try:
+            self._publish(simulation, whole)
+        except Exception:
+            if self._context.ok():
+                raise
+            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+        return 1e3 * (time.perf_counter() - started)
+
+    def stamp(self, simulation: Simulation) -> Time:
+        """Simulated time where /clock is published here, the node's clock otherwise."""
+        return messages.time_message(simulation.time) if self._publish_clock else self._now().to_msg()
+
+    def _publish(self, simulation: Simulation, whole: bool) -> None:
+        stamp, now = self.stamp(simulation), time.monotonic()
+        if self._publish_clock:
+            self._clock.publish(messages.clock(simulation.time))
+        self._joint_states.publish(
+            messages.joint_state(
+                stamp,
+                self._base,
+                simulation.joint_names,
+                simulation.joint_positions,
+                simulation.joint_velocities,
+                simulation.joint_efforts,
+            )
+        )
+        effector = simulation.effector_pose
+        if effector is not None:
+            self._effector_pose.publish(
+                messages.pose_stamped(stamp, WORLD, effector.position, effector.quaternion_xyzw)
+            )
+        if self._tf is not None and (self._tf_gate.passes(now) or whole):
+            self._publish_tf(simulation, stamp)
+        points_due = self._mesh_gate is not None and _is_due(self._points, self._mesh_gate, now, whole)
+        marker_due = self._template is not None and _is_due(self._marker, self._marker_gate, now, whole)
+        if points_due or marker_due:
+            self._publish_mesh(simulation, stamp, points=points_due, marker=marker_due)
+
+    def _publish_mesh(self, simulation: Simulation, stamp: Time, *, points: bool, marker: bool) -> None:
+        vertices = simulation.visual_points()
+        stress: Array = np.asarray(simulation.visual_values(simulation.von_mises()))
+        if points:
+            self._points.publish(messages.point_cloud(stamp, WORLD, vertices, stress))
+        if marker and self._template is not None:
+            self._marker.publish(self._template.fill(stamp, vertices, stress, self.marker_stress))
+
+    def _create_tf(self, node: Node) -> None:
+        message_type = tf_message_type()
+        if message_type is None:
+            node.get_logger().info(
+                "tf2_msgs is not installed: no transforms on /tf (poses are on effector_pose)"
+            )
+            return
+        self._make_tf: Callable[..., Any] = message_type
+        self._tf = node.create_publisher(message_type, "/tf", 100)
+        self._tf_static = node.create_publisher(message_type, "/tf_static", LATCHED)
+        base = messages.transform_stamped(
+            self._now().to_msg(), WORLD, self._base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+        )
+        self._tf_static.publish(message_type(transforms=[base]))
+
+    def _publish_tf(self, simulation: Simulation, stamp: Time) -> None:
+        assert self._tf is not None
+        transforms = [
+            messages.transform_stamped(
+                stamp, self._base, self._frame_names.get(name, name), pose.position, pose.quaternion_xyzw
+            )
+            for name, pose in simulation.frames().items()
+        ]
+        self._tf.publish(self._make_tf(transforms=transforms))
+
+
+def _is_due(publisher: Any, gate: RateGate, now: float, whole: bool) -> bool:
+    """Whether somebody listens and it is time."""
+    return publisher.get_subscription_count() > 0 and (gate.passes(now) or whole)

@@ -1,0 +1,311 @@
+"""The node `simulator`: parameters, topics and services around the physics thread."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
+
+from softsim_core import SceneDescription, Simulation, load_scene
+from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
+from softsim_ros.messages import diagnostic_array
+from softsim_ros.runtime import ClosableNode, run_node
+from softsim_ros.simulator.commands import position_command, trajectory_command
+from softsim_ros.simulator.health import health
+from softsim_ros.simulator.parameters import StartParameters, declare_parameters, declare_robot
+from softsim_ros.simulator.physics_thread import PhysicsThread
+from softsim_ros.simulator.publications import Publications
+from softsim_ros.simulator.snapshot_file import read_snapshot, write_snapshot
+
+NODE_NAME = "simulator"
+WARNING_PERIOD_S = 1.0
+"""Warnings about refused commands come at most this often, in [s]."""
+
+
+class Simulator(ClosableNode):
+    """Simulates one robot or scene in real time.
+
+    Args:
+        robot: Name or path of the scene, or the scene itself; None takes the parameter `robot`.
+        context: rclpy context; None takes the default one.
+        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
+        parameter_overrides: Values at start, over those of the command line.
+
+    Raises:
+        SoftSimError: the robot is not known, or a parameter is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+    ) -> None:
+        if robot is None:
+            robot = _robot_parameter(context, parameter_overrides)
+        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        self.robot = ros_name(scene.name)
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            namespace=self.robot if namespace is None else namespace,
+            parameter_overrides=list(parameter_overrides),
+        )
+        self._physics: PhysicsThread | None = None
+        self._closed = False
+        self._applies_parameters = True
+        try:
+            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
+            start = declare_parameters(self, scene, self.robot)
+            self._begin(start)
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, start: StartParameters) -> None:
+        simulation = self._build(start)
+        self.joint_names = simulation.joint_names
+        self._backend = simulation.backend
+        self._tunings = start.tunings
+        self._speed = start.speed
+        self._publications = Publications(
+            self,
+            simulation,
+            self.robot,
+            mesh_rate=start.mesh_rate,
+            publish_clock=start.publish_clock,
+            marker_stress=start.marker_stress,
+        )
+        self._physics = PhysicsThread(
+            simulation, self._publications.publish, self._warn_refused, self.get_logger().error, start.speed
+        )
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
+        self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        for name, action in (
+            ("reset", self._reset),
+            ("step", self._step),
+            ("save", self._save),
+            ("load", self._load),
+            ("start", self._start),
+        ):
+            self.create_service(Trigger, f"~/{name}", _answering(action))
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.create_timer(1.0, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._physics.start()
+        self.get_logger().info(
+            f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
+            f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
+        )
+
+    def _build(self, start: StartParameters) -> Simulation:
+        """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
+        self.get_logger().info(
+            f"building {self.robot}; the first time on a machine kernels are compiled, once, about 30 s"
+        )
+        backend: Any = start.backend
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            trial = Simulation(dataclasses.replace(start.scene, controllers=()), backend=backend)
+            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+                trial.step()
+            trial.von_mises()
+            simulation = Simulation(start.scene, backend=backend)
+        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
+            self.get_logger().warning(sentence)
+        return simulation
+
+    def close(self) -> None:
+        """End the physics, then destroy the node; a second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._physics is not None:
+            self._physics.close()
+        self.destroy_node()
+
+    @property
+    def physics(self) -> PhysicsThread:
+        """The thread that owns the simulation."""
+        assert self._physics is not None
+        return self._physics
+
+    # --- commands -------------------------------------------------------------------------------------
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        try:
+            self.physics.command(position_command(message, self.joint_names))
+        except CommandError as error:
+            self._warn_refused(str(error))
+
+    def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
+        try:
+            self.physics.command(trajectory_command(message, self.joint_names))
+        except CommandError as error:
+            self._warn_refused(str(error))
+
+    def _warn_refused(self, sentence: str) -> None:
+        if self.context.ok():
+            self.get_logger().warning(sentence, throttle_duration_sec=WARNING_PERIOD_S)
+
+    # --- services -------------------------------------------------------------------------------------
+
+    def _reset(self) -> str:
+        self.physics.reset()
+        paused = self.physics.status.paused
+        return "back at the start of the scene" + ("; still paused" if paused else "")
+
+    def _step(self) -> str:
+        self.physics.step_once()
+        return f"step {self.physics.status.steps} done"
+
+    def _save(self) -> str:
+        file = self._snapshot_file()
+        data = self.physics.call(lambda simulation: simulation.snapshot(), shows=False)
+        write_snapshot(file, data)
+        return f"saved to {file}"
+
+    def _load(self) -> str:
+        file = self._snapshot_file()
+        self.physics.restore(read_snapshot(file))
+        self._take_over_tuning()
+        return f"loaded from {file}"
+
+    def _start(self) -> str:
+        self.physics.play_start()
+        return "start animation begun"
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        def pause() -> str:
+            self.physics.pause(request.data)
+            return "paused" if request.data else "running"
+
+        response.success, response.message = _attempt(pause)
+        return response
+
+    def _snapshot_file(self) -> Path:
+        return Path(str(self.get_parameter("snapshot_file").value)).expanduser()
+
+    # --- parameters -----------------------------------------------------------------------------------
+
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Apply new values, whose types and ranges rclpy has checked; the first refusal stops."""
+        if not self._applies_parameters:
+            return SetParametersResult(successful=True)
+        for parameter in parameters:
+            successful, reason = _attempt(partial(self._apply, parameter))
+            if not successful:
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _take_over_tuning(self) -> None:
+        """Make the parameters tell what the loaded snapshot holds."""
+
+        def read(simulation: Simulation) -> dict[str, float | bool]:
+            numbers = {name: tuning.read(simulation) for name, tuning in self._tunings.items()}
+            return {**numbers, "enforce_limits": simulation.enforce_limits}
+
+        values = self.physics.call(read, shows=False)
+        self._applies_parameters = False
+        try:
+            self.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+        finally:
+            self._applies_parameters = True
+
+    def _apply(self, parameter: Parameter) -> str:
+        name, value = parameter.name, parameter.value
+        if name in self._tunings:
+            tuning, number = self._tunings[name], float(value)
+            self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
+        elif name == "enforce_limits":
+            self.physics.call(
+                lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False
+            )
+        elif name == "speed":
+            self.physics.set_speed(float(value))
+            self._speed = float(value)
+        elif name == "mesh_rate":
+            self._publications.mesh_rate = float(value)
+        elif name == "marker_stress":
+            self._publications.marker_stress = float(value)
+        return ""
+
+    # --- diagnostics ----------------------------------------------------------------------------------
+
+    def _publish_diagnostics(self) -> None:
+        level, sentence, values = health(
+            self.physics.status, self.physics.is_alive, self._speed, self._backend
+        )
+        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+
+
+def ros_name(name: str) -> str:
+    """A scene's name as a ROS namespace: letters, digits and underscores, not beginning with a digit."""
+    cleaned = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return f"_{cleaned}" if not cleaned or cleaned[0].isdigit() else cleaned
+
+
+def _attempt(action: Callable[[], str]) -> tuple[bool, str]:
+    """Success and sentence of a service call."""
+    try:
+        return True, action()
+    except SoftSimError as error:
+        return False, str(error)
+
+
+def _answering(
+    action: Callable[[], str],
+) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = _attempt(action)
+        return response
+
+    return answer
+
+
+def _robot_parameter(context: Context | None, overrides: Sequence[Parameter]) -> str:
+    """The parameter `robot` of the command line, needed before the node: it names the namespace."""
+    node = Node(
+        NODE_NAME,
+        context=context,
+        parameter_overrides=list(overrides),
+        start_parameter_services=False,
+        enable_rosout=False,
+        enable_logger_service=False,
+    )
+    try:
+        return declare_robot(node)
+    finally:
+        node.destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the simulator as a process; returns the exit code."""
+    return run_node(Simulator, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
