@@ -9,11 +9,10 @@ from array import array
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -27,17 +26,18 @@ from servo_bridge import parameters
 from servo_bridge.diagnostics import bridge_status
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
+from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.ports import find_port
 from servo_bridge.process import run_node
 from servo_bridge.recovery import Recovery
-from softsim_core.errors import CommandError, SoftSimError, listing
+from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.description import SceneDescription
 
 SUPERVISION_PERIOD_S = 0.1
 REFUSAL_LOG_PERIOD_S = 2.0
 
 
-class ServoBridge(LifecycleNode):
+class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
     Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
@@ -75,36 +75,13 @@ class ServoBridge(LifecycleNode):
         )
         self.create_service(Trigger, "~/e_stop", self._on_e_stop)
         self.create_service(Trigger, "~/clear_e_stop", self._on_clear_e_stop)
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
         self._recovery.want(parameters.read(self).autostart, time.monotonic(), wait=False)
 
-    @property
-    def lifecycle_state(self) -> str:
-        """Present lifecycle state: unconfigured, inactive, active, finalized, or a transition's."""
-        return str(self._state_machine.current_state[1])
-
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
-
-    def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
-    ) -> ChangeState.Response:
-        """Answer false to a transition that the present state does not have (rclpy itself would raise)."""
-        offered = {transition[0] for transition in self._state_machine.available_transitions}
-        labels = {transition[1] for transition in self._state_machine.available_transitions}
-        label = request.transition.label
-        if (label in labels) if label else (request.transition.id in offered):
-            return self._change_state(request, response)
-        self.get_logger().error(
-            f"transition {label or request.transition.id} refused in state {self.lifecycle_state};"
-            f" possible are: {listing(sorted(labels))}"
-        )
-        response.success = False
-        return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""

@@ -25,9 +25,9 @@ def run_node(make: Callable[[], Node], args: list[str] | None = None) -> int:
     Returns:
         Exit code: 0 after Ctrl-C, SIGTERM or a shutdown, 2 where the node cannot be made (stderr says why).
     """
-    rclpy.init(args=args)
     node: Node | None = None
     try:
+        rclpy.init(args=args)
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
