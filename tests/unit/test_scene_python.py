@@ -9,6 +9,7 @@ from textwrap import dedent
 import pytest
 
 from softsim_core.errors import CommandError, ConfigError, SceneError
+from softsim_core.mesh.types import TetMesh
 from softsim_core.scene import Part, Scene, load_python, load_scene
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.scene import animated
@@ -71,6 +72,25 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
     assert not (tmp_path / "__pycache__" / "own.pyc").exists()
 
 
+def test_meshes_may_be_arrays(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        """
+        import numpy as np
+        from softsim_core.mesh.types import TetMesh
+        from softsim_core.scene.parts import elastic_body
+
+        MESH = TetMesh(points=np.eye(4, 3), tets=np.array([[0, 1, 2, 3]]))
+
+        def create_scene(scene):
+            scene.add(elastic_body("block", MESH, np.float32(1000.0), total_mass=np.int64(2)))
+        """,
+    )
+    body = load_scene(path, {"dt": 0.1}).bodies[0]
+    assert isinstance(body.mesh, TetMesh)
+    assert (type(body.material.young_modulus), type(body.total_mass)) == (float, float)
+
+
 def test_the_name_defaults_to_the_files(tmp_path: Path) -> None:
     assert load_python(write(tmp_path, "def create_scene(scene): pass", "empty.py")).name == "empty"
 
@@ -124,6 +144,7 @@ def test_overrides(tmp_path: Path) -> None:
             "joints[0].base.rotation_deg",
             ["3 numbers"],
         ),
+        ("scene.add(elastic_body('a', MeshFile(file=3)))", "bodies[0].mesh.file", ["a file path, not 3"]),
         ("scene.keys = {'a': 3}", "", ["wrong type"]),
     ],
 )
