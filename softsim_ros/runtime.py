@@ -43,9 +43,14 @@ def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> N
 
     A loop over `spin_once`: right for every executor, also where its own `spin` does not end on shutdown.
     """
-    with suppress(ExternalShutdownException, ShutdownException):
+    try:
         while executor.context.ok() and keep_going():
             executor.spin_once(timeout_sec=SPIN_PERIOD_S)
+    except (ExternalShutdownException, ShutdownException):
+        pass
+    except Exception:
+        if executor.context.ok():  # else a signal shut the context down in the middle of the call
+            raise
 
 
 class SpinThread:

@@ -1,4 +1,4 @@
-"""`softsim doctor`: what is installed, which port, which ROS; each line says what to do where something is wrong."""
+"""`softsim doctor`: what is installed, which port, which ROS, and what to do where something is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Install rules of the ROS package: launch files, RViz views and the configs of the checkout, three folders up."""
+"""Install rules of the ROS package: launch files, RViz views and the configs three folders up."""
 
 from pathlib import Path
 

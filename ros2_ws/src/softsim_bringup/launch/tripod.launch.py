@@ -4,8 +4,8 @@
     ros2 launch softsim_bringup tripod.launch.py port:=/dev/ttyACM0
     ros2 launch softsim_bringup tripod.launch.py rviz:=true
 
-The bridge opens its port and waits; key B of the teleop starts sending. The teleop needs a terminal of its own:
-ros2 run softsim_ros teleop
+The bridge opens its port and waits; key B of the teleop starts sending. The teleop needs a terminal of its
+own: ros2 run softsim_ros teleop
 """
 
 from launch import LaunchDescription

@@ -1,0 +1,157 @@
+"""Several nodes in one process: simulator, servo bridge, virtual board, and the teleop or a status line."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from dataclasses import dataclass
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.utilities import ok, try_shutdown
+
+from servo_bridge.bridge_node import ServoBridge
+from servo_bridge.virtual_board_node import VirtualBoardNode
+from softsim_core.scene import SceneDescription
+from softsim_ros.cli.status_line import show_status
+from softsim_ros.runtime import SpinThread
+from softsim_ros.simulator.simulator_node import Simulator
+from softsim_ros.teleop.held_output import HeldOutput
+from softsim_ros.teleop.loop import ready_callbacks, run_teleop
+from softsim_ros.teleop.teleop_node import Teleop
+from softsim_ros.teleop.terminal import NoTerminalError, RawTerminal
+
+
+@dataclass(frozen=True, slots=True)
+class BoardChoice:
+    """Which board the bridge talks to.
+
+    Attributes:
+        present: Whether there is a bridge at all.
+        virtual: A virtual board in this process.
+        port: Port of a real one; empty searches for the one that is plugged in.
+        send: Start sending at once, without waiting for key B.
+    """
+
+    present: bool
+    virtual: bool
+    port: str
+    send: bool
+
+
+class Station:
+    """The nodes of one robot, spinning in two threads; leaving the `with` block reaches the safe pose.
+
+    Args:
+        scene: The robot.
+        namespace: Namespace of every node, without slashes at its ends.
+        board: The bridge's board.
+    """
+
+    def __init__(self, scene: SceneDescription, namespace: str, board: BoardChoice) -> None:
+        self.virtual_board: VirtualBoardNode | None = None
+        self.bridge: ServoBridge | None = None
+        with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
+            self.simulator = Simulator(scene, namespace=namespace)
+            stack.callback(self.simulator.close)
+            if board.present:
+                self._add_bridge(stack, scene, namespace, board)
+            stack.enter_context(SpinThread([self.simulator]))
+            others: list[Node] = [node for node in (self.virtual_board, self.bridge) if node is not None]
+            if others:
+                stack.enter_context(SpinThread(others))
+            self._stack = stack.pop_all()
+
+    def _add_bridge(
+        self, stack: contextlib.ExitStack, scene: SceneDescription, namespace: str, board: BoardChoice
+    ) -> None:
+        port, wait_s = board.port, None
+        if board.virtual:
+            servos = len(scene.board.servos) if scene.board else 0
+            self.virtual_board = VirtualBoardNode(
+                link="", namespace=namespace, parameter_overrides=[Parameter("servos", value=servos)]
+            )
+            stack.callback(self.virtual_board.destroy_node)
+            port, wait_s = self.virtual_board.board.port, 0.0
+        values: dict[str, object] = {
+            "robot": scene.name,
+            "port": port,
+            "autostart": "activate" if board.send else "configure",
+        }
+        if wait_s is not None:  # a virtual board has no boot loader to wait for
+            values["open_wait_s"] = wait_s
+        self.bridge = ServoBridge(
+            scene=scene,
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        stack.callback(self.bridge.destroy_node)
+
+    def __enter__(self) -> Station:
+        """Everything spins already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop spinning, reach the safe pose, close the port, end the physics."""
+        self._stack.close()
+
+
+def run_station(scene: SceneDescription, namespace: str, board: BoardChoice, interactive: bool) -> int:
+    """Run a robot until its person or a signal ends it.
+
+    Args:
+        scene: The robot.
+        namespace: Namespace of every node.
+        board: The bridge's board.
+        interactive: Show the teleop in this terminal; else a status line.
+
+    Returns:
+        Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
+
+    Raises:
+        SoftSimError: a node could not be made.
+    """
+    print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
+    rclpy.init(args=[])
+    try:
+        with Station(scene, namespace, board) as station:
+            try:
+                if not (interactive and _drive(scene, namespace)):
+                    show_status(station.simulator, station.bridge, station.virtual_board)
+            finally:
+                _ignore_signals()
+    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
+        pass
+    except Exception:
+        if ok():  # else a signal shut the context down in the middle of a call: an ordinary end
+            raise
+    finally:
+        try_shutdown()
+    print(f"{scene.name}: ended", flush=True)
+    return 0
+
+
+def _drive(scene: SceneDescription, namespace: str) -> bool:
+    """Run the teleop here; False where this terminal cannot be used."""
+    teleop = Teleop(scene, namespace=namespace)
+    executor = SingleThreadedExecutor()
+    executor.add_node(teleop)
+    try:
+        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+            run_teleop(teleop, terminal, lambda: ready_callbacks(executor))
+    except NoTerminalError as error:
+        print(f"softsim up: no teleop: {error}", file=sys.stderr)
+        return False
+    finally:
+        executor.shutdown(timeout_sec=0)
+        teleop.close()
+    return True
+
+
+def _ignore_signals() -> None:
+    """From here on a second Ctrl-C must not cut the way to the safe pose short."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

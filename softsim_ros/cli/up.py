@@ -1,0 +1,66 @@
+"""`softsim up ROBOT`: simulator, servo bridge and virtual board in one process, driven from this terminal."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+VIRTUAL = "virtual"
+SEARCH = "auto"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "robot", nargs="?", default="tripod", help="robot or scene: a name or a file (tripod)"
+    )
+    parser.add_argument("--mesh", metavar="LEVEL", help="the robot on another mesh, such as mid or high")
+    parser.add_argument(
+        "--board",
+        default=VIRTUAL,
+        metavar="PORT",
+        help=f"{VIRTUAL} (default), {SEARCH} (the one that is plugged in), or a path such as /dev/ttyACM0",
+    )
+    parser.add_argument("--no-bridge", action="store_true", help="simulate only")
+    parser.add_argument("--send", action="store_true", help="send to the board at once, without key B")
+    parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
+    parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
+    parser.epilog = "On a real board nothing moves until key B, or --send. ? in the teleop shows the keys."
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until a key quits or Ctrl-C or SIGTERM comes; the servos end in the safe pose."""
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        print(f"softsim up: ROS 2 is not installed here ({error}); see softsim doctor", file=sys.stderr)
+        return 1
+    from softsim_core.scene import load_scene
+    from softsim_ros.cli.one_at_a_time import only_one
+    from softsim_ros.cli.station import BoardChoice, run_station
+    from softsim_ros.simulator.simulator_node import ros_name
+
+    scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
+    namespace = (arguments.namespace or ros_name(scene.name)).strip("/")
+    board = BoardChoice(
+        present=not arguments.no_bridge and scene.board is not None,
+        virtual=arguments.board == VIRTUAL,
+        port="" if arguments.board == SEARCH else arguments.board,
+        send=arguments.send,
+    )
+    interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
+    with only_one(namespace):
+        return run_station(scene, namespace, board, interactive and bool(scene.joints))
+
+
+def _robot_on_mesh(robot: str, level: str | None) -> str:
+    """Name of the robot on a mesh level: "tripod" and "mid" is "tripod_mid"; "low" is the robot itself.
+
+    Raises:
+        ConfigError: there is no such robot; names the known ones.
+    """
+    from softsim_core.scene.files import known_scenes
+
+    if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
+        return robot
+    return f"{robot}_{level}"
