@@ -57,17 +57,16 @@ class Station:
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
             self.simulator = Simulator(scene, namespace=namespace)
             stack.callback(self.simulator.close)
-            if board.present:
-                self._add_bridge(stack, scene, namespace, board)
+            hardware = self._add_bridge(stack, scene, namespace, board) if board.present else []
             stack.enter_context(SpinThread([self.simulator]))
-            others: list[Node] = [node for node in (self.virtual_board, self.bridge) if node is not None]
-            if others:
-                stack.enter_context(SpinThread(others))
+            if hardware:
+                stack.enter_context(SpinThread(hardware))
             self._stack = stack.pop_all()
 
     def _add_bridge(
         self, stack: contextlib.ExitStack, scene: SceneDescription, namespace: str, board: BoardChoice
-    ) -> None:
+    ) -> list[Node]:
+        nodes: list[Node] = []
         port, wait_s = board.port, None
         if board.virtual:
             servos = len(scene.board.servos) if scene.board else 0
@@ -75,6 +74,7 @@ class Station:
                 link="", namespace=namespace, parameter_overrides=[Parameter("servos", value=servos)]
             )
             stack.callback(self.virtual_board.destroy_node)
+            nodes.append(self.virtual_board)
             port, wait_s = self.virtual_board.board.port, 0.0
         values: dict[str, object] = {
             "robot": scene.name,
@@ -89,6 +89,7 @@ class Station:
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         stack.callback(self.bridge.destroy_node)
+        return [*nodes, self.bridge]
 
     def __enter__(self) -> Station:
         """Everything spins already."""

@@ -76,5 +76,5 @@ def stress_colours(values: Array, highest: float) -> NDArray[np.float32]:
     """
     if not highest > 0.0:
         return np.repeat(_TABLE[:1], len(values), axis=0)
-    steps = np.clip(np.asarray(values) * ((STEPS - 1) / highest), 0, STEPS - 1)
+    steps = np.clip(np.rint(np.asarray(values) * ((STEPS - 1) / highest)), 0, STEPS - 1)
     return _TABLE[steps.astype(np.intp)]

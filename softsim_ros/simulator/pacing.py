@@ -9,7 +9,7 @@ class Pacer:
     """Due times of fixed steps: every dt / speed seconds, moved to now when the steps fall behind.
 
     A late step is followed at once by the next one; behind by more than `tolerance_s` the schedule starts
-    anew from now. No step is ever left out: simulated time then runs slower than asked, and `late_s` says how much.
+    anew from now. No step is ever left out: simulated time then runs slower, and `late_s` says by how much.
 
     Args:
         tolerance_s: How far steps may fall behind and still catch up, in [s].

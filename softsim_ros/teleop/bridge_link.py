@@ -13,6 +13,8 @@ from softsim_ros.teleop.services import AsyncService
 from softsim_ros.teleop.state import BridgeState
 
 POLL_INTERVAL_S: Final = 1.0
+STATE_WITHIN_S: Final = 2.5
+"""Silence in [s] after which the bridge counts as gone: a killed process stays in the discovery for longer."""
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",
@@ -36,7 +38,7 @@ class BridgeLink:
         self, node: Node, on_state: Callable[[BridgeState], None], say: Callable[[str], None]
     ) -> None:
         self._on_state, self._say = on_state, say
-        self._get = AsyncService(node, GetState, "servo_bridge/get_state")
+        self._get = AsyncService(node, GetState, "servo_bridge/get_state", STATE_WITHIN_S)
         self._change = AsyncService(node, ChangeState, "servo_bridge/change_state")
         node.create_subscription(TransitionEvent, "servo_bridge/transition_event", self._on_event, 10)
         self._state: BridgeState = "not running"
@@ -91,7 +93,10 @@ class BridgeLink:
         self._see(STATES.get(event.goal_state.id, "changing"))
 
     def _on_answer(self, answer: GetState.Response | None) -> None:
-        self._see("not running" if answer is None else STATES.get(answer.current_state.id, "changing"))
+        if answer is not None:
+            self._see(STATES.get(answer.current_state.id, "changing"))
+        elif not self._change.is_busy:  # a bridge that opens its port answers late
+            self._see("not running")
 
     def _see(self, state: BridgeState) -> None:
         self._state = state

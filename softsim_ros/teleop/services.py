@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 ANSWER_WITHIN_S: Final = 8.0
-"""Time in [s] after which a call without an answer is given up; a port may take a few seconds to open."""
+"""Default time in [s] until a call is given up; a port may take a few seconds to open."""
 
 Answered = Callable[[Any], None]
 """Called with the response, or with None when the call failed or was given up."""
@@ -22,10 +22,11 @@ class AsyncService:
         node: The node whose executor delivers the answers.
         kind: Service type.
         name: Service name, relative to the node's namespace.
+        answer_within_s: Time in [s] after which a call without an answer is given up.
     """
 
-    def __init__(self, node: Node, kind: Any, name: str) -> None:
-        self.name = name
+    def __init__(self, node: Node, kind: Any, name: str, answer_within_s: float = ANSWER_WITHIN_S) -> None:
+        self.name, self._answer_within_s = name, answer_within_s
         self._client = node.create_client(kind, name)
         self._future: Future | None = None
         self._answered: Answered | None = None
@@ -49,7 +50,7 @@ class AsyncService:
 
     def expire(self, now: float) -> None:
         """Give up a call that has waited too long; `now` is a steady clock in [s]."""
-        if self._future is not None and now - self._called_at > ANSWER_WITHIN_S:
+        if self._future is not None and now - self._called_at > self._answer_within_s:
             self._client.remove_pending_request(self._future)
             self._future.cancel()
             self._finish(None)
