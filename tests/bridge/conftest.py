@@ -68,6 +68,10 @@ class Process:
 
     def __init__(self, module: str, folder: Path, number: int, *arguments: str) -> None:
         self._output = folder / f"{module}_{number}.txt"
+        paths = [
+            str(REPOSITORY),
+            *filter(None, [os.environ.get("PYTHONPATH")]),
+        ]  # apt's ROS lives on that path
         with self._output.open("wb") as output:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments],
@@ -75,7 +79,7 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"},
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
             )
 
