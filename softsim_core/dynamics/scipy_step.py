@@ -9,8 +9,15 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.stepper import Inputs, Parameters, joint_stiffness
-from softsim_core.fem.corotational import element_rotations, stiffness_blocks, stresses
+from softsim_core.dynamics.assembly import (
+    Unknowns,
+    elastic_forces,
+    jacobian,
+    rotated_gradients,
+    sparse_of_blocks,
+)
+from softsim_core.dynamics.stepper import Inputs, Parameters
+from softsim_core.fem.corotational import stiffness_blocks
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -23,47 +30,40 @@ class ScipyStepper:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.stage_times: dict[str, float] = {}
-        joints = model.border_size - len(model.joints)
-        self._free = model.free_nodes
-        self._first_border = 3 * len(self._free)
-        self._joint_columns = self._first_border + joints + np.arange(len(model.joints))
-        self._compliant = model.compliant_joints
-        self._prescribed = np.setdiff1d(np.arange(len(model.joints)), self._compliant)
-        self._stiffness = joint_stiffness(model)
+        self._unknowns = Unknowns(model)
 
-    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> None:
+    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
         started = perf_counter()
         matrix, rhs = self.system(state, inputs, parameters)
         assembled = perf_counter()
-        model, h = self.model, self.model.dt
-        change = np.zeros(len(rhs))
-        prescribed = self._joint_columns[self._prescribed]
-        wanted = (inputs.targets - state.joint_positions)[self._prescribed] / h
-        change[prescribed] = wanted - state.border_velocities[prescribed - self._first_border]
-        unknown = np.setdiff1d(np.arange(len(rhs)), prescribed)
-        if len(unknown):
-            known_part = matrix[unknown][:, prescribed] @ change[prescribed]
-            change[unknown] = factorised(matrix[unknown][:, unknown]).solve(rhs[unknown] - known_part)
+        model, h, at = self.model, self.model.dt, self._unknowns
+        change = np.zeros(at.size)
+        wanted = (inputs.targets - state.joint_positions)[at.prescribed] / h
+        change[at.fixed] = wanted - state.border_velocities[at.fixed - at.first_border]
+        if len(at.solved):
+            rows = matrix[at.solved]
+            known_part = rows[:, at.fixed] @ change[at.fixed]
+            change[at.solved] = factorised(rows[:, at.solved]).solve(rhs[at.solved] - known_part)
         solved = perf_counter()
 
-        state.velocities[self._free] += change[: self._first_border].reshape(-1, 3)
-        state.positions[self._free] += h * state.velocities[self._free]
-        model.advance_border(state, state.border_velocities + change[self._first_border :])
-        state.joint_positions[self._prescribed] = inputs.targets[
-            self._prescribed
-        ]  # exactly, without rounding
+        state.velocities[at.free] += change[: at.first_border].reshape(-1, 3)
+        state.positions[at.free] += h * state.velocities[at.free]
+        model.advance_border(state, state.border_velocities + change[at.first_border :])
+        state.joint_positions[at.prescribed] = inputs.targets[at.prescribed]  # exactly, without rounding
         state.base_shift[0] = inputs.base_shift
         model.place_zones(state)
-        reaction = (matrix[prescribed] @ change - rhs[prescribed]) / h
-        state.joint_efforts[self._prescribed] = reaction
-        spring = self._stiffness * (inputs.targets - state.joint_positions)
-        state.joint_efforts[self._compliant] = spring[self._compliant]
+        reaction = (matrix[at.fixed] @ change - rhs[at.fixed]) / h
+        state.joint_efforts[at.prescribed] = reaction
+        spring = at.drive * (inputs.targets - state.joint_positions)
+        state.joint_efforts[at.compliant] = spring[at.compliant]
         self.stage_times = {
             "assemble": 1e3 * (assembled - started),
             "solve": 1e3 * (solved - assembled),
             "update": 1e3 * (perf_counter() - solved),
         }
+        speeds = np.concatenate([state.velocities.ravel(), state.border_velocities])
+        return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
 
     def system(self, state: State, inputs: Inputs, parameters: Parameters) -> tuple[sp.csc_matrix, Array]:
         """Matrix A and right-hand side b of the step over free nodes, frames and joints (prescribed ones included).
@@ -71,59 +71,25 @@ class ScipyStepper:
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + border unknowns.
         """
-        model, h = self.model, self.model.dt
+        model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
-        tets, volumes = model.elements.nodes, model.elements.volumes
-        corners, lame = state.positions[tets], parameters.lame[model.element_body]
-        rotated = model.elements.gradients @ np.swapaxes(
-            element_rotations(corners, model.elements.gradients, model.law), 1, 2
-        )
-        stress = stresses(
-            corners + lag * state.velocities[tets], rotated, lame
-        )  # stress at x + lag v: f - lag K v
-        force = inputs.forces + model.mass[:, None] * (
-            model.gravity - parameters.rayleigh_mass * state.velocities
-        )
-        np.add.at(force, tets, -volumes[:, None, None] * np.einsum("mij,maj->mai", stress, rotated))
-        force -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+        ahead = state.positions + lag * state.velocities  # forces there are f - lag K v
+        rotated = rotated_gradients(model, state.positions)
+        force = inputs.forces + elastic_forces(model, ahead, rotated, parameters.lame)
+        force += model.mass[:, None] * (model.gravity - parameters.rayleigh_mass * state.velocities)
+        force -= model.spring[:, None] * (ahead - model.rest)
 
-        blocks = stiffness_blocks(rotated, volumes, lame)
-        dofs = 3 * tets[:, :, None] + np.arange(3)
-        rows = np.broadcast_to(dofs[:, :, None, :, None], blocks.shape)
-        columns = np.broadcast_to(dofs[:, None, :, None, :], blocks.shape)
-        size = 3 * len(model.rest)
-        stiffness = sp.coo_matrix(
-            (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)
-        ).tocsr()
+        blocks = stiffness_blocks(rotated, model.elements.volumes, parameters.lame[model.element_body])
         inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass + h * lag * model.spring
-        full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))
+        full = h * lag * sparse_of_blocks(model, blocks) + sp.diags(np.repeat(inertia, 3))
 
-        jacobian = self._jacobian(state)
-        matrix = (jacobian.T @ full @ jacobian).tocsc()
-        rhs = h * (jacobian.T @ force.ravel())
-        drive, joints = self._stiffness, self._joint_columns
-        velocity = state.border_velocities[self._joint_columns - self._first_border]
-        rhs[joints] += h * drive * (inputs.targets - state.joint_positions - lag * velocity)
-        diagonal = np.zeros(len(rhs))
-        diagonal[joints] = [joint.inertia for joint in model.joints] + h * lag * drive
-        return matrix + sp.diags(diagonal).tocsc(), rhs
-
-    def _jacobian(self, state: State) -> sp.csr_matrix:
-        """Node velocities from the velocities of free nodes, frames and joints, shape (3 n, d)."""
-        model, free = self.model, self._free
-        rows = [(3 * free[:, None] + np.arange(3)).ravel()]
-        columns = [np.arange(3 * len(free))]
-        values = [np.ones(3 * len(free))]
-        screws = model.screws(state)
-        for zone in model.zones:
-            for k in zone.border:
-                rows.append((3 * zone.nodes[:, None] + np.arange(3)).ravel())
-                columns.append(np.full(3 * len(zone.nodes), self._first_border + k))
-                values.append(screws.jacobian(int(k), state.positions[zone.nodes]).ravel())
-        shape = (3 * len(model.rest), self._first_border + model.border_size)
-        return sp.csr_matrix(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
-        )
+        mapping = jacobian(model, at, state)
+        rhs = h * (mapping.T @ force.ravel())
+        velocity = state.border_velocities[at.joints - at.first_border]
+        rhs[at.joints] += h * at.drive * (inputs.targets - state.joint_positions - lag * velocity)
+        diagonal = np.zeros(at.size)
+        diagonal[at.joints] = [joint.inertia for joint in model.joints] + h * lag * at.drive
+        return (mapping.T @ full @ mapping + sp.diags(diagonal)).tocsc(), rhs
 
 
 def factorised(matrix: sp.csc_matrix) -> object:

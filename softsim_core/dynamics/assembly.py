@@ -1,0 +1,87 @@
+"""Forces and sparse matrices of a model on its unknowns: three a free node, then the border (frames, joints)."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.stepper import joint_stiffness
+from softsim_core.fem.corotational import element_rotations, stresses
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import State
+
+
+class Unknowns:
+    """Where each unknown of a model stands in a vector of all of them.
+
+    Attributes:
+        free: Indices of the free nodes, ascending, shape (k,); their unknowns come first, shape (3 k,).
+        first_border: Number of unknowns of free nodes; border unknown b stands at `first_border + b`.
+        size: Number of unknowns.
+        joints: Places of the joints, shape (j,).
+        compliant, prescribed: Indices of the joints with and without a spring drive.
+        fixed: Places of the prescribed joints.
+        solved: Places of all others.
+        drive: Stiffness of each joint's drive in [N m/rad] or [N/m], 0 where prescribed, shape (j,).
+    """
+
+    def __init__(self, model: Model) -> None:
+        count = len(model.joints)
+        self.free: IndexArray = model.free_nodes
+        self.first_border = 3 * len(self.free)
+        self.size = self.first_border + model.border_size
+        self.joints: IndexArray = np.arange(self.size - count, self.size)
+        self.compliant: IndexArray = model.compliant_joints
+        self.prescribed: IndexArray = np.setdiff1d(np.arange(count), self.compliant)
+        self.fixed: IndexArray = self.joints[self.prescribed]
+        self.solved: IndexArray = np.setdiff1d(np.arange(self.size), self.fixed)
+        self.drive: Array = joint_stiffness(model)
+
+
+def rotated_gradients(model: Model, positions: Array) -> Array:
+    """Shape gradients of each element turned with it, in [1/m], shape (m, 4, 3), at node `positions` (n, 3)."""
+    gradients = model.elements.gradients
+    rotations = element_rotations(positions[model.elements.nodes], gradients, model.law)
+    return np.asarray(gradients @ np.swapaxes(rotations, 1, 2))
+
+
+def elastic_forces(model: Model, positions: Array, rotated: Array, lame: Array) -> Array:
+    """Forces of the elements on the nodes in [N], shape (n, 3).
+
+    Args:
+        model: The model.
+        positions: Node positions in [m] at which the strain is taken, shape (n, 3).
+        rotated: Rotated gradients, see `rotated_gradients`.
+        lame: Lame parameters of each body in [Pa], shape (bodies, 2).
+    """
+    tets, volumes = model.elements.nodes, model.elements.volumes
+    stress = stresses(positions[tets], rotated, lame[model.element_body])
+    forces = np.zeros_like(positions)
+    np.add.at(forces, tets, -volumes[:, None, None] * np.einsum("mij,maj->mai", stress, rotated))
+    return forces
+
+
+def sparse_of_blocks(model: Model, blocks: Array) -> sp.csr_matrix:
+    """Sum of element matrices (m, 4, 4, 3, 3) over all nodes, sparse, shape (3 n, 3 n)."""
+    dofs = 3 * model.elements.nodes[:, :, None] + np.arange(3)
+    rows = np.broadcast_to(dofs[:, :, None, :, None], blocks.shape)
+    columns = np.broadcast_to(dofs[:, None, :, None, :], blocks.shape)
+    size = 3 * len(model.rest)
+    return sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsr()
+
+
+def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
+    """Node velocities from the velocities of all unknowns, sparse, shape (3 n, d)."""
+    free = unknowns.free
+    rows = [(3 * free[:, None] + np.arange(3)).ravel()]
+    columns = [np.arange(3 * len(free))]
+    values = [np.ones(3 * len(free))]
+    screws = model.screws(state)
+    for zone in model.zones:
+        for k in zone.border:
+            rows.append((3 * zone.nodes[:, None] + np.arange(3)).ravel())
+            columns.append(np.full(3 * len(zone.nodes), unknowns.first_border + k))
+            values.append(screws.jacobian(int(k), state.positions[zone.nodes]).ravel())
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sp.csr_matrix(entries, shape=(3 * len(model.rest), unknowns.size))
