@@ -13,7 +13,7 @@ import subprocess
 import termios
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -99,10 +99,17 @@ class TerminalSession:
 
     def wait_for(self, wanted: str, where: str = "screen") -> None:
         """Wait until a text is on the screen (`where` = "text" or "output": was written at all)."""
+        found = self.wait_until(lambda: wanted in getattr(self, where))
+        assert found, f"{wanted!r} never came; the {where} is:\n{getattr(self, where)}"
+
+    def wait_until(self, condition: Callable[[], bool]) -> bool:
+        """Wait for a condition; False when the deadline passed."""
         end = time.monotonic() + DEADLINE_S
-        while wanted not in getattr(self, where):
-            assert time.monotonic() < end, f"{wanted!r} never came; the {where} is:\n{getattr(self, where)}"
+        while not condition():
+            if time.monotonic() > end:
+                return False
             self._closed.wait(0.01)
+        return True
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to the program."""

@@ -14,7 +14,7 @@ from softsim_ros.teleop.state import BridgeState
 
 POLL_INTERVAL_S: Final = 1.0
 STATE_WITHIN_S: Final = 2.5
-"""Silence in [s] after which the bridge counts as gone: a killed process stays in the discovery for longer."""
+"""Silence in [s] after which the bridge counts as gone: discovery forgets a killed process much later."""
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",

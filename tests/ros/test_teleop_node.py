@@ -1,0 +1,333 @@
+"""The teleop in a real terminal against real ROS peers: typed keys become commands, every exit is clean."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from terminal_session import DEADLINE_S, REPOSITORY, TerminalSession
+
+pytest.importorskip("rclpy")
+
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.virtual_board import VirtualBoard
+from softsim_ros.teleop.teleop_node import main
+
+pytestmark = pytest.mark.ros
+
+JOINTS = ["servo_0", "servo_1", "servo_2"]
+START = (-1.0, -1.1, -1.2)
+TELEOP = [sys.executable, "-m", "softsim_ros.teleop.teleop_node"]
+
+
+@pytest.fixture(autouse=True)
+def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain that no other test on this machine uses now, in the environment of this test."""
+    for domain in range(50, 90):
+        guard = socket.socket()
+        try:
+            guard.bind(("127.0.0.1", 47400 + domain))
+        except OSError:
+            guard.close()
+            continue
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
+        yield domain
+        guard.close()
+        return
+    pytest.fail("no free ROS domain")
+
+
+class Robot:
+    """A robot of ideal servos: each command is reached at once and published as joint_states at 50 Hz."""
+
+    def __init__(self, context: Context, namespace: str, joints: list[str]) -> None:
+        self.node = Node("robot", context=context, namespace=namespace)
+        self.joints, self.positions = joints, list(START)
+        self.received: list[tuple[float, ...]] = []
+        self._changed = threading.Condition()
+        self._states = self.node.create_publisher(JointState, "joint_states", 10)
+        self.node.create_subscription(
+            Float64MultiArray, "position_controller/commands", self._on_command, QoSProfile(depth=1)
+        )
+        self.node.create_timer(0.02, self._publish)
+
+    def _publish(self) -> None:
+        self._states.publish(JointState(name=self.joints, position=self.positions))
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        with self._changed:
+            self.positions = list(message.data)
+            self.received.append(tuple(message.data))
+            self._changed.notify_all()
+
+    def wait_for_commands(self, count: int) -> list[tuple[float, ...]]:
+        """The first `count` commands; fails when they do not come."""
+        with self._changed:
+            assert self._changed.wait_for(lambda: len(self.received) >= count, DEADLINE_S), self.received
+            return self.received[:count]
+
+
+@contextmanager
+def running_robot(namespace: str = "tripod", joints: list[str] = JOINTS) -> Iterator[Robot]:
+    context = Context()
+    context.init()
+    robot = Robot(context, namespace, joints)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(robot.node)
+    stop = threading.Event()
+
+    def spin() -> None:
+        while not stop.is_set():
+            try:
+                executor.spin_once(timeout_sec=0.05)
+            except (ExternalShutdownException, ShutdownException):
+                return
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield robot
+    finally:
+        stop.set()
+        thread.join()
+        robot.node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    with running_robot() as peer:
+        yield peer
+
+
+@pytest.fixture
+def teleop(robot: Robot) -> Iterator[TerminalSession]:
+    with TerminalSession(TELEOP) as session:
+        session.wait_for("simulator: running")
+        yield session
+
+
+def quits_cleanly(session: TerminalSession) -> None:
+    assert session.wait() == 0, session.text
+    assert session.modes == session.modes_before
+    assert "Traceback" not in session.text
+    after = session.output.rsplit("\x1b[?1049l", 1)[-1]
+    assert re.sub(r"\x1b\[[0-?]*[a-z]", "", after).strip() == ""
+
+
+STEPS = [  # every key in the forms a terminal may send, and the joint it moves
+    (b"\x1b[A", 0, 0.1),
+    (b"\x1b[1;5B", 0, -0.1),
+    (b"\x1bOd", 1, 0.1),
+    (b"\x1b[C", 1, -0.1),
+    (b"\x1b[27;5;43~", 2, 0.1),
+    (b"\x1f", 2, -0.1),
+    (b"=", 2, 0.1),
+]
+
+
+def test_typed_keys_become_commands(robot: Robot, teleop: TerminalSession) -> None:
+    expected = list(START)
+    for count, (keys, joint, step) in enumerate(STEPS, 1):
+        teleop.type(keys)
+        expected[joint] += step
+        assert robot.wait_for_commands(count)[-1] == pytest.approx(expected)
+        teleop.wait_for(f"{expected[0]:.4f}")  # measured again: the next step starts there
+        teleop.wait_for(f"> {JOINTS[joint]} to {expected[joint]:.4f} rad")
+    teleop.type(b"q")
+    assert robot.wait_for_commands(len(STEPS) + 1)[-1] == pytest.approx([-3.14 / 3] * 3)
+    teleop.type(b"\x1a")  # Ctrl+Z
+    assert robot.wait_for_commands(len(STEPS) + 2)[-1] == pytest.approx([-3.14 / 4] * 3)
+    assert len(robot.received) == len(STEPS) + 2
+    teleop.type(b"\x03")
+    quits_cleanly(teleop)
+
+
+def test_unknown_sequences_move_nothing(robot: Robot, teleop: TerminalSession) -> None:
+    teleop.type(b"\x1ba\x1b[200~qqz\x1b[A\x1b[201~\x1b[1;3A\x1b]0;qz\x07\x1b[<0;1;1M\xc3\xa9\x1b[24~")
+    teleop.type(b"q")
+    assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
+    teleop.wait_for("> pose mid")
+    assert len(robot.received) == 1
+    teleop.type(b"x")
+    quits_cleanly(teleop)
+
+
+def test_a_held_key_is_rate_limited(robot: Robot, teleop: TerminalSession) -> None:
+    begin = time.monotonic()
+    while time.monotonic() < begin + 1.0:
+        teleop.type(b"\x1b[B")
+        threading.Event().wait(0.02)
+    robot.wait_for_commands(5)
+    assert len(robot.received) <= 12
+    steps = [before[0] - after[0] for before, after in zip(robot.received, robot.received[1:], strict=False)]
+    assert all(step == pytest.approx(0.1) or step == pytest.approx(0.0) for step in steps)
+    teleop.type(b"x")
+    quits_cleanly(teleop)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_signals_end_it_cleanly(teleop: TerminalSession, number: signal.Signals) -> None:
+    teleop.signal(number)
+    quits_cleanly(teleop)
+
+
+def test_a_closed_window_ends_it(teleop: TerminalSession) -> None:
+    teleop.hang_up()
+    assert teleop.wait() == 0
+
+
+def test_what_is_not_running_is_said() -> None:
+    with TerminalSession(TELEOP) as session:
+        session.wait_for("simulator: no data yet")
+        session.wait_for("servo bridge: not running")
+        for key, message in (
+            (b"q", "> nothing moved: no joint_states received yet"),
+            (b"a", "> simulator is not running (no service /tripod/simulator/start)"),
+            (b"i", "> inverse control is not running"),
+            (b"b", "> no servo bridge on /tripod/servo_bridge"),
+            (b"k", "> k is not bound"),
+        ):
+            session.type(key)
+            session.wait_for(message)
+        session.type(b"?")
+        session.wait_for("? shows the keys")
+        session.resize(40, 6)
+        assert session.wait_until(lambda: all(len(line) <= 40 for line in session.screen.split("\r\n")))
+        assert "servo_2" in session.screen
+        session.type(b"x")
+        quits_cleanly(session)
+
+
+def test_data_that_stops_is_seen(teleop: TerminalSession, robot: Robot) -> None:
+    robot.joints = []  # messages that say nothing, as good as none
+    teleop.wait_for("joint_states of another robot")
+    teleop.wait_for("simulator: no data for")
+    teleop.type(b"q")
+    teleop.wait_for("> nothing moved: no joint_states for")
+    assert robot.received == []
+
+
+def test_another_namespace_by_remapping() -> None:
+    with (
+        running_robot("left_hand") as robot,
+        TerminalSession([*TELEOP, "--ros-args", "-r", "__ns:=/left_hand"]) as session,
+    ):
+        session.wait_for("topics in /left_hand")
+        session.wait_for("simulator: running")
+        session.type(b"q")
+        assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
+
+
+def test_another_robot_by_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "pusher.yaml"
+    file.write_text(
+        "name: pusher\n"
+        "joints: [{name: rail, kind: prismatic, limits: {lower: 0.0, upper: 0.02, speed: 0.1}}]\n"
+        "poses: {out: [0.015]}\n"
+        "keys:\n  up: {joints: [rail], by: 0.002, help: push}\n  o: {pose: out, help: out}\n"
+    )
+    with running_robot("pusher", ["rail"]) as robot:
+        robot.positions = [0.001]
+        with TerminalSession([*TELEOP, "--ros-args", "-p", f"robot:={file}"]) as session:
+            session.wait_for("topics in /pusher")
+            session.wait_for("simulator: running")
+            session.type(b"\x1b[A")
+            assert robot.wait_for_commands(1)[0] == pytest.approx((0.003,))
+            session.wait_for("> rail to 0.0030 m (3.0 mm)")
+            session.type(b"x")
+            quits_cleanly(session)
+
+
+def test_the_servo_bridge_is_started_and_stopped(
+    tmp_path: Path, robot: Robot, teleop: TerminalSession
+) -> None:
+    with VirtualBoard(link=tmp_path / "board") as board:
+        output = (tmp_path / "bridge.txt").open("wb")
+        bridge = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "servo_bridge.bridge_node", "--ros-args", "-r", "__ns:=/tripod"),
+                *("-p", f"port:={tmp_path / 'board'}", "-p", "open_wait_s:=0.0"),
+            ],
+            cwd=REPOSITORY,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+            start_new_session=True,
+        )
+        try:
+            teleop.wait_for("servo bridge: init")
+            teleop.type(b"b")
+            teleop.wait_for("servo bridge: comm")
+            teleop.wait_for("> sending to the servo board")
+            teleop.type(b"q")
+            robot.wait_for_commands(1)
+            assert board.wait_for(lambda b: b.servo_bytes == (119, 119, 119))
+            wait_for_release()
+            teleop.type(b"\x02")
+            teleop.wait_for("servo bridge: no-comm")
+            teleop.wait_for("> stopped sending")
+            bridge.send_signal(signal.SIGKILL)
+            teleop.wait_for("servo bridge: not running")
+        finally:
+            bridge.kill()
+            bridge.wait()
+            output.close()
+    teleop.type(b"x")
+    quits_cleanly(teleop)
+
+
+def wait_for_release() -> None:
+    """A key counts as released when it is not seen for a moment."""
+    threading.Event().wait(0.8)
+
+
+REFUSALS: list[tuple[list[str], str]] = [
+    ([], "softsim run teleop"),
+    (["--ros-args", "-p", "robot:=no_such_robot"], "no_such_robot"),
+    (["--ros-args", "-p", "robot:=3"], "robot"),
+    (["--ros-args", "-p", "repeat_interval:=99.0"], "repeat_interval"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "wanted"), REFUSALS)
+def test_refusals_are_one_sentence(arguments: list[str], wanted: str) -> None:
+    result = subprocess.run(
+        [*TELEOP, *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        timeout=DEADLINE_S,
+        start_new_session=True,
+    )
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    assert result.stderr.count("\n") == 1, result.stderr
+    assert wanted in result.stderr
+
+
+def test_main_takes_a_command_line(capfd: pytest.CaptureFixture[str]) -> None:
+    refuse: Callable[[list[str]], int] = main
+    assert refuse(["--ros-args", "-p", "robot:=no_such_robot"]) == 1
+    assert "no_such_robot" in capfd.readouterr().err
