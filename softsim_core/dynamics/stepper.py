@@ -57,8 +57,12 @@ class Stepper(Protocol):
     name: str
     stage_times: dict[str, float]
 
-    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> None:
-        """Advance `state` by one dt, in place; the caller checks the result."""
+    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
+        """Advance `state` by one dt, in place.
+
+        Returns:
+            The largest component of all new velocities, NaN if one is: the caller decides whether to keep the state.
+        """
         ...
 
 

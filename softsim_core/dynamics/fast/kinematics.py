@@ -6,11 +6,13 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from softsim_core.dynamics.kernels import kernel
+from softsim_core.arrays import Array
+from softsim_core.dynamics.fast.compile import kernel
+from softsim_core.dynamics.fast.layout import Border, Motion, Nodes, Work
 
 
 @kernel
-def exponential(w0, w1, w2, r):  # type: ignore[no-untyped-def]
+def exponential(w0: float, w1: float, w2: float, r: Array) -> None:
     """Rotation matrix r (3, 3) of the rotation vector (w0, w1, w2)."""
     angle = sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     if angle < 1e-8:
@@ -26,37 +28,38 @@ def exponential(w0, w1, w2, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def screws(border, joints, angular, linear, origin):  # type: ignore[no-untyped-def]
-    """Screw of each border unknown; `border` are the state's frame and joint arrays."""
-    frame_positions, _, _, base_shift = border
-    base_position, base_rotation, axis, slide, revolute = joints
-    frames = len(frame_positions)
+def screws(motion: Motion, border: Border, work: Work) -> None:
+    """Screw of each border unknown, into work.angular, linear, origin."""
+    base_rotation, axis, slide = border.base_rotation, border.axis, border.slide
+    angular, linear, origin = work.angular, work.linear, work.origin
+    frames = len(motion.frame_positions)
     for f in range(frames):
         for i in range(6):
             k = 6 * f + i
             for c in range(3):
                 angular[k, c] = 1.0 if i == c + 3 else 0.0
                 linear[k, c] = 1.0 if i == c else 0.0
-                origin[k, c] = frame_positions[f, c]
-    for j in range(len(base_position)):
+                origin[k, c] = motion.frame_positions[f, c]
+    for j in range(len(axis)):
         k = 6 * frames + j
         for c in range(3):
             along = base_rotation[j, c, 0] * axis[j, 0] + base_rotation[j, c, 1] * axis[j, 1]
             along += base_rotation[j, c, 2] * axis[j, 2]
             away = base_rotation[j, c, 0] * slide[j, 0] + base_rotation[j, c, 1] * slide[j, 1]
             away += base_rotation[j, c, 2] * slide[j, 2]
-            angular[k, c] = along if revolute[j] else 0.0
-            linear[k, c] = 0.0 if revolute[j] else along
-            origin[k, c] = base_position[j, c] + base_shift[0] * away
+            angular[k, c] = along if border.revolute[j] else 0.0
+            linear[k, c] = 0.0 if border.revolute[j] else along
+            origin[k, c] = border.base_position[j, c] + motion.base_shift[0] * away
 
 
 @kernel
-def jacobians(x, zone_nodes, zone_border, zone_size, angular, linear, origin, result):  # type: ignore[no-untyped-def]
-    """Velocity of each zone node a unit of each of its border unknowns, into `result` (z, 6, 3)."""
-    for z in range(len(zone_nodes)):
-        node = zone_nodes[z]
-        for q in range(zone_size[z]):
-            k = zone_border[z, q]
+def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
+    """Velocity of each zone node a unit of each of its border unknowns, into work.jacobian."""
+    x, angular, linear, origin, result = motion.positions, work.angular, work.linear, work.origin, work.jacobian
+    for z in range(len(nodes.zone)):
+        node = nodes.zone[z]
+        for q in range(nodes.size[z]):
+            k = nodes.border[z, q]
             d0, d1, d2 = x[node, 0] - origin[k, 0], x[node, 1] - origin[k, 1], x[node, 2] - origin[k, 2]
             result[z, q, 0] = angular[k, 1] * d2 - angular[k, 2] * d1 + linear[k, 0]
             result[z, q, 1] = angular[k, 2] * d0 - angular[k, 0] * d2 + linear[k, 1]
@@ -64,28 +67,28 @@ def jacobians(x, zone_nodes, zone_border, zone_size, angular, linear, origin, re
 
 
 @kernel
-def zone_frames(border, joints, zones, origins, rotations):  # type: ignore[no-untyped-def]
-    """Origin and rotation of the frame that each zone follows; `zones` are (frame, joint) index pairs."""
-    frame_positions, frame_rotations, joint_positions, base_shift = border
-    base_position, base_rotation, axis, slide, revolute = joints
+def zone_frames(motion: Motion, border: Border, work: Work) -> None:
+    """Origin and rotation of the frame that each zone follows, into work.zone_origins, zone_rotations."""
+    base_rotation, axis, revolute = border.base_rotation, border.axis, border.revolute
+    origins, rotations = work.zone_origins, work.zone_rotations
     turn = np.empty((3, 3))
-    for zone in range(len(zones)):
-        f, j = zones[zone, 0], zones[zone, 1]
+    for zone in range(len(border.zones)):
+        f, j = border.zones[zone, 0], border.zones[zone, 1]
         if f >= 0:
             for c in range(3):
-                origins[zone, c] = frame_positions[f, c]
+                origins[zone, c] = motion.frame_positions[f, c]
                 for d in range(3):
-                    rotations[zone, c, d] = frame_rotations[f, c, d]
+                    rotations[zone, c, d] = motion.frame_rotations[f, c, d]
             continue
-        q = joint_positions[j]
+        q = motion.joint_positions[j]
         if revolute[j]:
             exponential(q * axis[j, 0], q * axis[j, 1], q * axis[j, 2], turn)
         else:
             exponential(0.0, 0.0, 0.0, turn)
         for c in range(3):
-            origins[zone, c] = base_position[j, c]
+            origins[zone, c] = border.base_position[j, c]
             for d in range(3):
-                shift = base_shift[0] * slide[j, d] + (0.0 if revolute[j] else q * axis[j, d])
+                shift = motion.base_shift[0] * border.slide[j, d] + (0.0 if revolute[j] else q * axis[j, d])
                 origins[zone, c] += base_rotation[j, c, d] * shift
                 rotations[zone, c, d] = (
                     base_rotation[j, c, 0] * turn[0, d]
@@ -95,10 +98,11 @@ def zone_frames(border, joints, zones, origins, rotations):  # type: ignore[no-u
 
 
 @kernel
-def place_zone_nodes(x, zone_nodes, zone_of, local, origins, rotations):  # type: ignore[no-untyped-def]
+def place_zone_nodes(motion: Motion, nodes: Nodes, work: Work) -> None:
     """Positions of the zone nodes from the frames of their zones."""
-    for z in range(len(zone_nodes)):
-        node, zone = zone_nodes[z], zone_of[z]
+    x, local, origins, rotations = motion.positions, nodes.local, work.zone_origins, work.zone_rotations
+    for z in range(len(nodes.zone)):
+        node, zone = nodes.zone[z], nodes.zone_of[z]
         for c in range(3):
             x[node, c] = origins[zone, c] + (
                 rotations[zone, c, 0] * local[z, 0]
@@ -108,21 +112,22 @@ def place_zone_nodes(x, zone_nodes, zone_of, local, origins, rotations):  # type
 
 
 @kernel
-def zone_velocities(v, velocities, zone_nodes, zone_border, zone_size, jacobian):  # type: ignore[no-untyped-def]
+def zone_velocities(motion: Motion, nodes: Nodes, work: Work) -> None:
     """Velocities of the zone nodes from those of frames and joints."""
-    for z in range(len(zone_nodes)):
-        node = zone_nodes[z]
+    for z in range(len(nodes.zone)):
+        node = nodes.zone[z]
         for c in range(3):
             total = 0.0
-            for q in range(zone_size[z]):
-                total += jacobian[z, q, c] * velocities[zone_border[z, q]]
-            v[node, c] = total
+            for q in range(nodes.size[z]):
+                total += work.jacobian[z, q, c] * motion.border_velocities[nodes.border[z, q]]
+            motion.velocities[node, c] = total
 
 
 @kernel
-def advance_frames(h, border, velocities):  # type: ignore[no-untyped-def]
+def advance_border(h: float, motion: Motion) -> None:
     """Move free frames and joints for one step at the border velocities."""
-    frame_positions, frame_rotations, joint_positions, _ = border
+    frame_positions, frame_rotations = motion.frame_positions, motion.frame_rotations
+    velocities = motion.border_velocities
     turn, old = np.empty((3, 3)), np.empty((3, 3))
     frames = len(frame_positions)
     for f in range(frames):
@@ -137,5 +142,15 @@ def advance_frames(h, border, velocities):  # type: ignore[no-untyped-def]
                 frame_rotations[f, c, d] = (
                     turn[c, 0] * old[0, d] + turn[c, 1] * old[1, d] + turn[c, 2] * old[2, d]
                 )
-    for j in range(len(joint_positions)):
-        joint_positions[j] += h * velocities[6 * frames + j]
+    for j in range(len(motion.joint_positions)):
+        motion.joint_positions[j] += h * velocities[6 * frames + j]
+
+
+@kernel
+def place_zones(motion: Motion, border: Border, nodes: Nodes, work: Work) -> None:
+    """Move the nodes of all zones, and their velocities, to where frames and joints say."""
+    zone_frames(motion, border, work)
+    place_zone_nodes(motion, nodes, work)
+    screws(motion, border, work)
+    jacobians(motion, nodes, work)
+    zone_velocities(motion, nodes, work)

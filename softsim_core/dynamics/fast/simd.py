@@ -11,7 +11,8 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+
+from softsim_core.dynamics.fast.compile import intrinsic
 
 LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
 """Numbers a vector holds; rows of panels and updates are padded to multiples of it."""
@@ -23,7 +24,7 @@ _DOUBLE = ir.DoubleType()
 _FAST = ("contract", "reassoc", "nsz")
 
 
-class _Vectors:
+class Vectors:
     """Vector loads, stores and arithmetic on float64 arrays, in the words of one intrinsic."""
 
     def __init__(self, context: Any, builder: Any, lanes: int) -> None:
@@ -65,6 +66,17 @@ class _Vectors:
         """a - b."""
         return self.builder.fsub(a, b, flags=_FAST)
 
+    def root(self, a: Any) -> Any:
+        """Square root."""
+        function = cgutils.get_or_insert_function(
+            self.builder.module, ir.FunctionType(self.type, [self.type]), f"llvm.sqrt.v{self.type.count}f64"
+        )
+        return self.builder.call(function, [a])
+
+    def less(self, a: Any, b: Any) -> Any:
+        """a < b or unordered, lane by lane."""
+        return self.builder.fcmp_unordered("<", a, b)
+
     def variable(self, vector: Any) -> Any:
         """A slot that holds a vector across loop iterations (LLVM keeps it in a register)."""
         slot = cgutils.alloca_once(self.builder, self.type)
@@ -83,7 +95,7 @@ def _tile(vectors: int) -> Any:
         signature = types.void(target, types.int64, types.int64, source, *(types.int64,) * 4)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            v = _Vectors(context, builder, LANES)
+            v = Vectors(context, builder, LANES)
             out, values = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
             _, place, stride, _, a, b, pitch, count = args
             integer = place.type
@@ -130,7 +142,7 @@ def solve_rows(typing: Any, array: Any, place: Any, stride: Any, coefficients: A
     signature = types.void(array, types.int64, types.int64, coefficients, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        v = _Vectors(context, builder, LANES)
+        v = Vectors(context, builder, LANES)
         values, numbers = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
         _, place, stride, _, length = args
         integer = place.type
@@ -160,7 +172,7 @@ def add_to(typing: Any, target: Any, place: Any, source: Any, start: Any, count:
     signature = types.void(target, types.int64, source, types.int64, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        out = _Vectors(context, builder, 4)
+        out = Vectors(context, builder, 4)
         goal = out.at(out.data(signature.args[0], args[0]), args[1])
         data = out.at(out.data(signature.args[2], args[2]), args[3])
         count = args[4]
@@ -194,7 +206,7 @@ def add_block(
     )
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        v = _Vectors(context, builder, 4)
+        v = Vectors(context, builder, 4)
         values, gradients = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
         _, start, stride, _, a, b, lam, mu = args
         integer = start.type
@@ -215,5 +227,39 @@ def add_block(
             row = v.add(row, v.multiply(v.splat(builder.load(v.at(at_b, integer(i)))), mu_a))
             v.store(row, goal)
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
+    """sum_k a[i + k] b[j + k], k < count."""
+    signature = types.float64(a, types.int64, b, types.int64, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        v = Vectors(context, builder, LANES)
+        first = v.at(v.data(signature.args[0], args[0]), args[1])
+        second = v.at(v.data(signature.args[2], args[2]), args[3])
+        count = args[4]
+        integer = count.type
+        zero = ir.Constant(v.type, [0.0] * LANES)
+        sums = [v.variable(zero), v.variable(zero)]
+        whole = builder.sdiv(count, integer(2 * LANES))
+        with cgutils.for_range(builder, whole) as loop:
+            for part, slot in enumerate(sums):
+                place = builder.add(builder.mul(loop.index, integer(2 * LANES)), integer(part * LANES))
+                product = v.multiply(v.load(v.at(first, place)), v.load(v.at(second, place)))
+                builder.store(v.add(builder.load(slot), product), slot)
+        both = v.add(builder.load(sums[0]), builder.load(sums[1]))
+        total = cgutils.alloca_once_value(builder, ir.Constant(_DOUBLE, 0.0))
+        for lane in range(LANES):
+            number = builder.extract_element(both, ir.IntType(32)(lane))
+            builder.store(builder.fadd(builder.load(total), number, flags=_FAST), total)
+        done = builder.mul(whole, integer(2 * LANES))
+        with cgutils.for_range(builder, builder.sub(count, done)) as loop:
+            place = builder.add(done, loop.index)
+            product = builder.fmul(builder.load(v.at(first, place)), builder.load(v.at(second, place)), flags=_FAST)
+            builder.store(builder.fadd(builder.load(total), product, flags=_FAST), total)
+        return builder.load(total)
 
     return signature, generate

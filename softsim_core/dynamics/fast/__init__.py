@@ -1,0 +1,1 @@
+"""The compiled time step. Only this package needs Numba."""

@@ -1,0 +1,207 @@
+"""From the mechanical model to the arrays of the compiled step: planned once a model."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.fast.layout import Border, Elements, Nodes, Tree, Work
+from softsim_core.dynamics.fast.simd import LANES, ROWS
+from softsim_core.dynamics.fast.symbolic import Plan, plan
+from softsim_core.dynamics.stepper import joint_stiffness
+from softsim_core.mechanics.model import FREE, Model
+
+
+class Prepared(NamedTuple):
+    """Everything the kernels need.
+
+    Attributes:
+        free, mixed: Elements whose nodes are all free, and the others that deform.
+        free_ids, mixed_ids: Their numbers in the model.
+        nodes, border, tree, work: See layout.
+    """
+
+    free: Elements
+    mixed: Elements
+    free_ids: IndexArray
+    mixed_ids: IndexArray
+    nodes: Nodes
+    border: Border
+    tree: Tree
+    work: Work
+
+
+def prepare(model: Model) -> Prepared:
+    """Plan the elimination and lay out all arrays."""
+    local = np.full(len(model.rest), -1, dtype=np.int64)
+    local[model.free_nodes] = np.arange(len(model.free_nodes))
+    chosen = _deforming_elements(model)
+    layout = plan(len(model.free_nodes), *_couplings(model, chosen, local), model.border_size, LANES, ROWS)
+    all_free = (model.zone_of_node[model.elements.nodes[chosen]] == FREE).all(axis=1)
+    free_ids, free = _elements(model, chosen[all_free], local, layout)
+    mixed_ids, mixed = _elements(model, chosen[~all_free], local, layout)
+    return Prepared(
+        free, mixed, free_ids, mixed_ids, _nodes(model, layout), _border(model), _tree(layout), _work(model, layout)
+    )
+
+
+def set_moduli(elements: Elements, lame: Array) -> None:
+    """Lame parameters times volume (e, 2) in [N m] of the elements, in their order; none in lanes without an element."""
+    padded = np.zeros((len(elements.lame) * LANES, 2))
+    padded[: len(lame)] = lame
+    elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
+
+
+def _deforming_elements(model: Model) -> IndexArray:
+    """Elements that are not rigid as a whole, in mesh order."""
+    zones = model.zone_of_node[model.elements.nodes]
+    rigid = (zones == zones[:, :1]).all(axis=1) & (zones[:, 0] != FREE)
+    return np.flatnonzero(~rigid)
+
+
+def _couplings(model: Model, chosen: IndexArray, local: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Pairs of coupled free nodes, and pairs (free node, border unknown)."""
+    nodes = model.elements.nodes[chosen]
+    pairs = np.stack([np.repeat(nodes, 4, axis=1).ravel(), np.tile(nodes, (1, 4)).ravel()], axis=1)
+    zones = model.zone_of_node[pairs]
+    edges = local[pairs[(zones == FREE).all(axis=1)]]
+    beside = pairs[(zones[:, 0] == FREE) & (zones[:, 1] >= 0)]
+    touching = np.unique(np.stack([local[beside[:, 0]], model.zone_of_node[beside[:, 1]]], axis=1), axis=0)
+    border = {(node, b) for node, zone in touching.tolist() for b in model.zones[zone].border.tolist()}
+    unique = np.unique(edges, axis=0) if len(edges) else np.zeros((0, 2), dtype=np.int64)
+    return unique, np.array(sorted(border), dtype=np.int64).reshape(-1, 2)
+
+
+def _nodes(model: Model, layout: Plan) -> Nodes:
+    free = model.free_nodes
+    zone_nodes = np.concatenate([np.zeros(0, np.int64)] + [zone.nodes for zone in model.zones])
+    border = np.zeros((len(zone_nodes), 6), dtype=np.int64)
+    size = np.zeros(len(zone_nodes), dtype=np.int64)
+    zone_of = np.repeat(np.arange(len(model.zones)), [len(zone.nodes) for zone in model.zones])
+    for z, zone in enumerate(zone_of):
+        unknowns = model.zones[zone].border
+        border[z, : len(unknowns)], size[z] = unknowns, len(unknowns)
+    index = np.full(len(model.rest), -1, dtype=np.int64)
+    index[zone_nodes] = np.arange(len(zone_nodes))
+    first = np.concatenate([[0], np.cumsum(layout.columns)])[layout.supernode]
+    return Nodes(
+        free=free,
+        row=layout.row_offset,
+        stride=layout.width[layout.supernode],
+        column=3 * layout.position - first,
+        right=(layout.later + layout.side - 1)[layout.supernode],
+        unknown=3 * layout.position,
+        zone=zone_nodes,
+        zone_of=zone_of.astype(np.int64),
+        local=np.concatenate([np.zeros((0, 3))] + [zone.local for zone in model.zones]),
+        border=border,
+        size=size,
+        index=index,
+        border_column=_border_columns(model, layout),
+        mass=model.mass.copy(),
+        diagonal=np.zeros(len(model.rest)),
+    )
+
+
+def _border(model: Model) -> Border:
+    joints = model.joints
+
+    def stacked(rows: list[Array], *shape: int) -> Array:
+        return np.array(rows, dtype=float).reshape(-1, *shape)
+
+    return Border(
+        base_position=stacked([joint.base_position for joint in joints], 3),
+        base_rotation=stacked([joint.base_rotation for joint in joints], 3, 3),
+        axis=stacked([joint.axis for joint in joints], 3),
+        slide=stacked([joint.slide_axis for joint in joints], 3),
+        revolute=np.array([joint.revolute for joint in joints], dtype=np.bool_),
+        stiffness=joint_stiffness(model),
+        inertia=np.array([joint.inertia for joint in joints], dtype=float),
+        zones=np.array([(zone.frame, zone.joint) for zone in model.zones], dtype=np.int64).reshape(-1, 2),
+    )
+
+
+def _tree(layout: Plan) -> Tree:
+    arrays = {name: getattr(layout, name) for name in Tree._fields if name != "first_column"}
+    first_column = np.concatenate([np.zeros(1, np.int64), np.cumsum(layout.columns)])[: len(layout.columns)]
+    return Tree(**arrays, first_column=first_column)
+
+
+def _work(model: Model, layout: Plan) -> Work:
+    size, nodes = model.border_size, len(model.rest)
+    in_zones = sum(len(zone.nodes) for zone in model.zones)
+    return Work(
+        panels=np.zeros(layout.panel[-1]),
+        stack=np.zeros(layout.stack_size),
+        schur=np.zeros((size, size + 1)),
+        scratch=np.zeros((size, size)),
+        solution=np.zeros(3 * len(layout.position) + size),
+        gathered=np.zeros(int(layout.width.max(initial=1))),
+        forces=np.zeros((nodes, 3)),
+        jacobian=np.zeros((in_zones, 6, 3)),
+        angular=np.zeros((size, 3)),
+        linear=np.zeros((size, 3)),
+        origin=np.zeros((size, 3)),
+        zone_origins=np.zeros((len(model.zones), 3)),
+        zone_rotations=np.zeros((len(model.zones), 3, 3)),
+        ahead=np.zeros((nodes, 3)),
+        deformation=np.zeros((9, LANES)),
+        rotations=np.zeros((10, LANES)),
+        rotated=np.zeros((4 * LANES, 4)),
+        one=np.zeros((3, 3)),
+        two=np.zeros((3, 3)),
+    )
+
+
+def _border_columns(model: Model, layout: Plan) -> IndexArray:
+    """Panel column of each border unknown in each supernode, -1 where absent, shape (s, b)."""
+    first = 3 * len(layout.position)
+    table = [[places.get(first + b, -1) for b in range(model.border_size)] for places in layout.column_of]
+    return np.array(table, dtype=np.int64).reshape(len(layout.column_of), model.border_size)
+
+
+def _elements(
+    model: Model, chosen: IndexArray, local: IndexArray, layout: Plan
+) -> tuple[IndexArray, Elements]:
+    """The chosen elements in elimination order, with their places in the panels; their numbers come first."""
+    nodes = model.elements.nodes[chosen]
+    zones = model.zone_of_node[nodes]
+    count = len(layout.position)
+    places = np.append(layout.position, 0)[local[nodes]]  # held and zone nodes have no place of their own
+    rank = np.where(zones == FREE, places, np.where(zones >= 0, count, count + 1))
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    chosen, nodes, zones, rank = chosen[order], nodes[order], zones[order], rank[order]
+    inside = np.argsort(rank, axis=1, kind="stable")
+    ordered = np.take_along_axis(nodes, inside, axis=1)
+    gradients = np.take_along_axis(model.elements.gradients[chosen], inside[:, :, None], axis=1)
+    counts = np.stack([(zones == FREE).sum(axis=1), (zones >= 0).sum(axis=1)], axis=1)
+    starts, strides = np.zeros((len(chosen), 18), dtype=np.int64), np.zeros((len(chosen), 4), dtype=np.int64)
+    for e in range(len(chosen)):
+        free = local[ordered[e, : counts[e, 0]]].tolist()
+        pair = 0
+        for a, node in enumerate(free):
+            s = layout.supernode[node]
+            strides[e, a] = layout.width[s]
+            starts[e, 10 + a], starts[e, 14 + a] = layout.row_offset[node], s
+            for other in free[a:]:
+                column = layout.column_of[s][3 * int(layout.position[other])]
+                starts[e, pair] = layout.row_offset[node] + column
+                pair += 1
+    return chosen, Elements(
+        nodes=_in_lanes(ordered),
+        corners=_in_lanes(nodes),
+        gradients=_in_lanes(gradients.reshape(-1, 12)),
+        lame=np.zeros((-(-len(chosen) // LANES), 2, LANES)),
+        starts=starts,
+        strides=strides,
+        counts=counts,
+    )
+
+
+def _in_lanes(rows: Any) -> Any:
+    """Rows (e, r) as batches (B, r, LANES); lanes beyond the last row repeat it."""
+    missing = -len(rows) % LANES
+    padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
+    return np.ascontiguousarray(padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2))

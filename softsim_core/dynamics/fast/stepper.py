@@ -1,0 +1,149 @@
+"""The fast time step: compiled assembly into the panels of a supernodal multifrontal Cholesky factorisation.
+
+One step is three compiled calls (assemble, factor, finish); everything that does not change is planned once. It computes
+what scipy_step computes, to rounding.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.fast.compile import kernel
+from softsim_core.dynamics.fast.elements import assemble_free, assemble_mixed, assemble_nodes
+from softsim_core.dynamics.fast.factorisation import factor, solve_backward, solve_border
+from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
+from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
+from softsim_core.dynamics.fast.prepare import prepare, set_moduli
+from softsim_core.dynamics.stepper import Inputs, Parameters
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import State
+
+
+@kernel
+def assemble(
+    motion: Motion, external: Array, h: float, lag: float, rayleigh_mass: float, polar: bool, border: Border,
+    free: Elements, mixed: Elements, nodes: Nodes, work: Work,
+) -> None:  # fmt: skip
+    """Forces, matrix and right-hand side of the step, into `work`."""
+    x, v = motion.positions, motion.velocities
+    screws(motion, border, work)
+    jacobians(motion, nodes, work)
+    work.panels[:] = 0.0
+    work.schur[:] = 0.0
+    work.forces[:] = external
+    for n in range(len(x)):
+        for i in range(3):
+            work.ahead[n, i] = x[n, i] + lag * v[n, i]
+    assemble_free(x, h * lag, polar, free, work)
+    assemble_mixed(x, h * lag, polar, mixed, nodes, work)
+    assemble_nodes(v, h, rayleigh_mass, nodes, work)
+
+
+@kernel
+def finish(
+    motion: Motion, targets: Array, base_shift: float, h: float, lag: float, border: Border, tree: Tree, nodes: Nodes,
+    work: Work,
+) -> float:  # fmt: skip
+    """Solve the border and backward, advance, and report joint efforts; returns the largest speed, NaN included."""
+    joints, velocities = len(motion.joint_positions), motion.border_velocities
+    size = len(velocities)
+    first = size - joints
+    known = np.zeros(size, dtype=np.bool_)
+    change = work.solution[3 * len(nodes.free) :]
+    for j in range(joints):
+        b, stiffness = first + j, border.stiffness[j]
+        gap = targets[j] - motion.joint_positions[j]
+        work.schur[b, b] += border.inertia[j] + h * lag * stiffness
+        work.schur[b, size] += h * stiffness * (gap - lag * velocities[b])
+        if stiffness == 0.0:
+            known[b] = True
+            change[b] = gap / h - velocities[b]
+    solve_border(work.schur, known, change, work.scratch)
+    solve_backward(tree, work)
+    speed = 0.0
+    for f in range(len(nodes.free)):
+        node, place = nodes.free[f], nodes.unknown[f]
+        for i in range(3):
+            motion.velocities[node, i] += work.solution[place + i]
+            motion.positions[node, i] += h * motion.velocities[node, i]
+            if not abs(motion.velocities[node, i]) <= speed:
+                speed = abs(motion.velocities[node, i])
+    for j in range(joints):
+        b = first + j
+        if known[b]:
+            impulse = -work.schur[b, size]
+            for a in range(size):
+                impulse += (work.schur[a, b] if a < b else work.schur[b, a]) * change[a]
+            motion.joint_efforts[j] = impulse / h
+    for b in range(size):
+        velocities[b] += change[b]
+        if not abs(velocities[b]) <= speed:
+            speed = abs(velocities[b])
+    advance_border(h, motion)
+    motion.base_shift[0] = base_shift
+    for j in range(joints):
+        if known[first + j]:
+            motion.joint_positions[j] = targets[j]  # exactly, without rounding
+        else:
+            motion.joint_efforts[j] = border.stiffness[j] * (targets[j] - motion.joint_positions[j])
+    place_zones(motion, border, nodes, work)
+    return speed
+
+
+class NumbaStepper:
+    """Plan once, then step in three compiled calls."""
+
+    name = "numba"
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.stage_times: dict[str, float] = {}
+        self._prepared = prepare(model)
+        self._polar = model.law == "polar"
+        self._soft = bool(model.spring.any())
+        self._weight = model.mass[:, None] * model.gravity
+        self._tuned: tuple[bytes, float, float] | None = None
+
+    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
+        """See Stepper."""
+        model, all_ = self.model, self._prepared
+        h, lag = model.dt, model.dt + parameters.rayleigh_stiffness
+        self._tune(parameters, lag)
+        started = perf_counter()
+        motion = Motion(*(getattr(state, name) for name in Motion._fields))
+        external = inputs.forces + self._weight
+        if self._soft:
+            external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+        assemble(
+            motion, external, h, lag, parameters.rayleigh_mass, self._polar, all_.border, all_.free, all_.mixed,
+            all_.nodes, all_.work,
+        )  # fmt: skip
+        assembled = perf_counter()
+        factor(all_.tree, all_.work)
+        factored = perf_counter()
+        speed = finish(
+            motion, inputs.targets, inputs.base_shift, h, lag, all_.border, all_.tree, all_.nodes, all_.work
+        )
+        finished = perf_counter()
+        self.stage_times = {
+            "assemble": 1e3 * (assembled - started),
+            "factor": 1e3 * (factored - assembled),
+            "solve": 1e3 * (finished - factored),
+        }
+        return float(speed)
+
+    def _tune(self, parameters: Parameters, lag: float) -> None:
+        """Take over tunable parameters when they have changed."""
+        tuned = (parameters.lame.tobytes(), lag, parameters.rayleigh_mass)
+        if tuned == self._tuned:
+            return
+        self._tuned = tuned
+        model, all_ = self.model, self._prepared
+        moduli = parameters.lame[model.element_body] * model.elements.volumes[:, None]
+        set_moduli(all_.free, moduli[all_.free_ids])
+        set_moduli(all_.mixed, moduli[all_.mixed_ids])
+        inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
+        all_.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
