@@ -63,10 +63,7 @@ def stresses(corners: Array, rotated: Array, lame: Array) -> Array:
     Returns:
         Stress in [Pa], symmetric, shape (m, 3, 3).
     """
-    stretch = np.einsum("mai,maj->mij", corners, rotated)
-    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
-    trace = np.trace(strain, axis1=1, axis2=2)
-    return lame[:, :1, None] * trace[:, None, None] * np.eye(3) + 2.0 * lame[:, 1:, None] * strain
+    return _stress(np.einsum("mai,maj->mij", corners, rotated) - np.eye(3), lame)
 
 
 def stiffness_blocks(rotated: Array, volumes: Array, lame: Array) -> Array:
@@ -81,45 +78,49 @@ def stiffness_blocks(rotated: Array, volumes: Array, lame: Array) -> Array:
     )
 
 
-def exact_tangent_blocks(corners: Array, gradients: Array, volumes: Array, lame: Array) -> Array:
-    r"""Exact derivative -df_a/dx_b of the `polar` law, rotation included, shape (m, 4, 4, 3, 3).
+def exact_tangent_blocks(corners: Array, gradients: Array, volumes: Array, lame: Array, law: str) -> Array:
+    r"""Exact derivative -df_a/dx_b of a law "polar" or "qr", turn of the element included, shape (m, 4, 4, 3, 3).
 
-    A variation :math:`\delta F` turns the rotation by :math:`\delta R = R [w]_x` with
-    :math:`(tr(S) I - S) w = axial(R^T \delta F)`, where F = R S.
+    A variation :math:`\delta F` turns the rotation by :math:`\delta R = R [w]_x`; symmetric for `polar`, whose
+    force has a potential, and not quite for `qr`. Singular where two principal stretches add up to zero (`polar`).
     """
-    deformation = deformation_gradients(corners, gradients)
-    rotation = polar_rotations(deformation)
+    rotation = element_rotations(corners, gradients, law)
     rt = np.swapaxes(rotation, 1, 2)
-    stretch = rt @ deformation
-    lam, mu = lame[:, 0], lame[:, 1]
-    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
-    trace = np.trace(strain, axis1=1, axis2=2)
-    stress = lam[:, None, None] * trace[:, None, None] * np.eye(3) + 2.0 * mu[:, None, None] * strain
-    resist = np.linalg.inv(np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch)
-    blocks = np.empty((len(corners), 4, 4, 3, 3))
-    for b in range(4):
-        for j in range(3):
-            local = (
-                rt[:, :, j, None] * gradients[:, b, None, :]
-            )  # R^T dF for a unit move of node b along axis j
-            axial = np.stack(
-                [
-                    local[:, 2, 1] - local[:, 1, 2],
-                    local[:, 0, 2] - local[:, 2, 0],
-                    local[:, 1, 0] - local[:, 0, 1],
-                ],
-                axis=1,
-            )
-            turn = cross_matrices(np.einsum("mij,mj->mi", resist, axial))
-            d_stretch = local - turn @ stretch
-            d_strain = 0.5 * (d_stretch + np.swapaxes(d_stretch, 1, 2))
-            d_stress = (
-                lam[:, None, None] * np.trace(d_strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-                + 2.0 * mu[:, None, None] * d_strain
-            )
-            d_force = volumes[:, None, None] * (rotation @ (turn @ stress + d_stress))
-            blocks[:, :, b, :, j] = np.einsum("mij,maj->mai", d_force, gradients)
-    return blocks
+    stretch = rt @ deformation_gradients(corners, gradients)
+    turns = _polar_turns(stretch, rt, gradients) if law == "polar" else _frame_turns(corners, rt)
+    turn = cross_matrices(turns.reshape(-1, 3)).reshape(*turns.shape[:3], 3, 3)
+    move = np.einsum("mij,mbk->mbjik", rt, gradients)  # R^T dF for a unit move of node b along axis j
+    d_stress = _stress(move - turn @ stretch[:, None, None], lame[:, None, None])
+    stress = _stress(stretch - np.eye(3), lame)
+    d_force = (volumes[:, None, None] * rotation)[:, None, None] @ (turn @ stress[:, None, None] + d_stress)
+    return np.asarray(np.einsum("mbjik,mak->mabij", d_force, gradients))
+
+
+def _stress(gradient: Array, lame: Array) -> Array:
+    """Stress (..., 3, 3) of a displacement gradient (..., 3, 3), Lame parameters (..., 2) in [Pa]."""
+    strain = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+    trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(lame[..., :1, None] * trace * np.eye(3) + 2.0 * lame[..., 1:, None] * strain)
+
+
+def _polar_turns(stretch: Array, rt: Array, gradients: Array) -> Array:
+    """Turn w, with (tr(S) I - S) w = axial(R^T dF), for a unit move of node b along axis j, shape (m, 4, 3, 3)."""
+    resist = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
+    axial = np.cross(gradients[:, :, None, :], np.swapaxes(rt, 1, 2)[:, None, :, :])
+    return np.asarray(np.einsum("mij,mbkj->mbki", np.linalg.inv(resist), axial))
+
+
+def _frame_turns(corners: Array, rt: Array) -> Array:
+    """Turn w of the frame of the first edge d and the second e for a unit move of node b along axis j."""
+    edges = np.einsum("mij,maj->mai", rt, corners[:, 1:3] - corners[:, :1])  # in the frame: (l, 0, 0), (p, q, 0)
+    length, p, q = edges[:, 0, 0], edges[:, 1, 0], edges[:, 1, 1]
+    turns = np.zeros((len(corners), 4, 3, 3))
+    for b, first, second in ((0, -1.0, -1.0), (1, 1.0, 0.0), (2, 0.0, 1.0)):
+        y, z = rt[:, 1], rt[:, 2]  # components of the unit moves along the frame's axes
+        turns[:, b, :, 0] = (second / q - first * p / (length * q))[:, None] * z
+        turns[:, b, :, 1] = -first / length[:, None] * z
+        turns[:, b, :, 2] = first / length[:, None] * y
+    return turns
 
 
 def cross_matrices(vectors: Array) -> Array:
