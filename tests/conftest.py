@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,3 +21,23 @@ def reference_dir() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"reference data not found in {folder} (set SOFTSIM_REFERENCE)")
     return folder
+
+
+@pytest.fixture
+def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain that no other test on this machine uses now, in the environment of this test."""
+    pytest.importorskip("rclpy")
+    for domain in range(10, 100):
+        guard = socket.socket()
+        try:
+            guard.bind(("127.0.0.1", 47400 + domain))
+        except OSError:
+            guard.close()
+            continue
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
+        yield domain
+        guard.close()
+        return
+    pytest.fail("no free ROS domain")

@@ -1,0 +1,167 @@
+"""`softsim up` as a person runs it: keys in a terminal, bytes at the far end of the serial line, clean ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from terminal_session import REPOSITORY, TerminalSession
+
+pytest.importorskip("rclpy")
+
+from servo_bridge.virtual_board import VirtualBoard
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
+
+UP = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod"]
+READY_S = 90.0  # the first start on a machine compiles kernels
+START, MID, HIGH = (93, 93, 93), (119, 119, 119), (134, 134, 134)  # keys A, Q, Z
+
+
+@pytest.fixture(autouse=True)
+def own_runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+def wait_until(condition: Callable[[], object], what: Callable[[], str], seconds: float = READY_S) -> None:
+    """Poll a condition that has no event of its own."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"never came; last seen:\n{what()}"
+        threading.Event().wait(0.02)
+
+
+class Background:
+    """`softsim up` without a terminal; what it writes is kept."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.file = folder / "up.txt"
+        with self.file.open("wb") as output:
+            self.process = subprocess.Popen(
+                [*UP, *arguments],
+                cwd=REPOSITORY,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"},
+                start_new_session=True,
+            )
+
+    @property
+    def text(self) -> str:
+        return self.file.read_text()
+
+    def wait_for(self, wanted: str) -> None:
+        wait_until(
+            lambda: wanted in self.text or self.process.poll() is not None,
+            lambda: f"{wanted!r} in\n{self.text}",
+        )
+        assert wanted in self.text, self.text
+
+    def end(self, number: signal.Signals) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(20)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Background]]:
+    started: list[Background] = []
+
+    def starter(*arguments: str) -> Background:
+        folder = tmp_path / str(len(started))
+        folder.mkdir()
+        started.append(Background(folder, *arguments))
+        return started[-1]
+
+    yield starter
+    for up in started:
+        if up.process.poll() is None:
+            up.process.kill()
+            up.process.wait()
+
+
+def test_typed_keys_become_the_bytes_of_the_table(tmp_path: Path) -> None:
+    with (
+        VirtualBoard(link=tmp_path / "board") as board,
+        TerminalSession([*UP, "--board", board.port]) as terminal,
+    ):
+        wait_until(lambda: "no-comm" in terminal.screen, lambda: terminal.text)
+        assert board.servo_bytes is None  # nothing is sent before key B
+        terminal.type(b"a")
+        terminal.wait_for("start pose")
+        terminal.type(b"b")
+        wait_until(lambda: board.servo_bytes == START, lambda: f"{board.servo_bytes} {terminal.screen}")
+        terminal.type(b"q")
+        wait_until(lambda: board.servo_bytes == MID, lambda: f"{board.servo_bytes} {terminal.screen}")
+        terminal.type(b"\x1a")  # Ctrl+Z is a key, too
+        wait_until(lambda: board.servo_bytes == HIGH, lambda: f"{board.servo_bytes} {terminal.screen}")
+        terminal.type(b"x")
+        assert terminal.wait() == 0
+        assert terminal.modes == terminal.modes_before
+        assert board.servo_bytes == (150, 150, 150)  # the rest pose
+        assert "Traceback" not in terminal.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_in_order(start: Callable[..., Background], number: signal.Signals) -> None:
+    up = start("--send")
+    up.wait_for("bridge active")
+    assert up.end(number) == 0
+    assert "Traceback" not in up.text
+    assert "tripod: ended" in up.text
+
+
+def test_ctrl_c_in_the_terminal_gives_it_back() -> None:
+    with TerminalSession(UP) as terminal:
+        wait_until(lambda: "no-comm" in terminal.screen, lambda: terminal.text)
+        terminal.type(b"\x03")
+        assert terminal.wait() == 0
+        assert terminal.modes == terminal.modes_before
+        assert "Traceback" not in terminal.text
+
+
+def test_a_second_one_is_refused_and_may_take_another_name(start: Callable[..., Background]) -> None:
+    first = start()
+    first.wait_for("bridge inactive")
+    second = start()
+    assert second.process.wait(30) == 1
+    assert re.search(
+        rf"/tripod is up already \(process {first.process.pid}\).*--namespace tripod_2", second.text
+    )
+    other = start("--namespace", "tripod_2")
+    other.wait_for("/tripod_2  running  bridge inactive")
+    assert other.end(signal.SIGINT) == 0
+    assert first.end(signal.SIGINT) == 0
+
+
+def test_a_killed_one_leaves_its_name_free(start: Callable[..., Background]) -> None:
+    first = start("--no-bridge")
+    first.wait_for("running")
+    first.end(signal.SIGKILL)
+    second = start("--no-bridge")
+    second.wait_for("running")
+    assert second.end(signal.SIGTERM) == 0
+
+
+def test_an_unknown_robot_is_one_sentence(start: Callable[..., Background]) -> None:
+    up = start("--mesh", "nonsense")
+    assert up.process.wait(30) == 1
+    assert "tripod_nonsense" in up.text
+    assert "known: " in up.text
+    assert "Traceback" not in up.text
+
+
+def test_a_missing_port_says_what_to_do_and_the_simulation_runs(start: Callable[..., Background]) -> None:
+    up = start("--board", "/dev/there_is_no_such_port")
+    up.wait_for("/dev/there_is_no_such_port")
+    up.wait_for("running  bridge unconfigured")
+    assert up.end(signal.SIGINT) == 0
+    assert "Traceback" not in up.text

@@ -1,0 +1,96 @@
+"""The doctor's findings: what it says, and when it calls something broken."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import pytest
+
+from softsim_ros.cli import doctor
+from softsim_ros.cli.checks import house, ports, ros
+from softsim_ros.cli.checks.finding import Finding, Level
+
+
+def report(port: str = "") -> int:
+    return doctor.run(argparse.Namespace(port=port))
+
+
+def test_a_line_for_everything_and_the_sum_last(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rclpy")
+    report()
+    shown = capsys.readouterr().out
+    for subject in (
+        "Python",
+        "packages",
+        "numba",
+        "configs",
+        "ROS 2",
+        "discovery",
+        "logs",
+        "board",
+        "virtual board",
+    ):
+        assert f"  {subject}: " in shown
+    assert " checks, " in shown.splitlines()[-1]
+
+
+def test_only_what_is_broken_fails(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "CHECKS", (lambda: [Finding(Level.WARNING, "a", "odd", "mind it")],))
+    assert report() == 0
+    monkeypatch.setattr(doctor, "CHECKS", (lambda: [Finding(Level.PROBLEM, "b", "gone", "mend it")],))
+    assert report() == 1
+    shown = capsys.readouterr().out
+    assert "warn  a: odd\n      -> mind it" in shown
+    assert "FAIL  b: gone\n      -> mend it" in shown
+
+
+def test_a_check_that_fails_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> list[Finding]:
+        raise OSError("no such thing")
+
+    monkeypatch.setattr(doctor, "CHECKS", (broken,))
+    (finding,) = doctor.examine()
+    assert finding.level is Level.PROBLEM
+    assert "no such thing" in finding.text
+
+
+def test_a_named_port_that_is_not_there(tmp_path: Path) -> None:
+    (finding,) = ports.board(str(tmp_path / "ttyACM9"))
+    assert finding.level is Level.PROBLEM
+    assert "does not exist" in finding.text
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root may use every port")
+def test_a_port_without_permission(tmp_path: Path) -> None:
+    port = tmp_path / "ttyACM0"
+    port.touch(mode=0)
+    (finding,) = ports.board(str(port))
+    assert "usermod -aG dialout" in finding.advice
+
+
+def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "crooked.yaml").write_text("name: crooked\nbodys: []\n")
+    monkeypatch.setenv("SOFTSIM_CONFIG_PATH", str(tmp_path))
+    findings = house.configs()
+    assert findings[0].level is Level.OK
+    assert str(tmp_path) in findings[0].text
+    assert any(finding.subject == "robot crooked" and finding.level is Level.PROBLEM for finding in findings)
+
+
+def test_an_open_network_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    assert ros.discovery()[0].level is Level.WARNING
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    assert ros.discovery()[0].level is Level.OK
+
+
+def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    blocked = tmp_path / "file"
+    blocked.touch()
+    monkeypatch.setenv("ROS_LOG_DIR", str(blocked / "log"))
+    assert ros.log_folder()[0].level is Level.PROBLEM
