@@ -12,3 +12,6 @@ Array: TypeAlias = NDArray[np.float64]
 
 IndexArray: TypeAlias = NDArray[np.int64]
 """int64 array of indices, 0-based."""
+
+BoolArray: TypeAlias = NDArray[np.bool_]
+"""Array of flags."""

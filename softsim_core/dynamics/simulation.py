@@ -60,7 +60,7 @@ class Simulation:
         self._place_surface()
         self._begin()
 
-    # --- time ---------------------------------------------------------------------------------------------------------
+    # --- time ---
 
     @property
     def dt(self) -> float:
@@ -91,7 +91,8 @@ class Simulation:
         """Advance by one dt.
 
         Raises:
-            SolverDivergedError: the step gave a non-finite or runaway state; the state stays the last good one.
+            SolverDivergedError: the step gave a non-finite or runaway state; the state stays the last good
+            one.
         """
         started = perf_counter()
         for controller in self.scene.controllers:
@@ -122,7 +123,7 @@ class Simulation:
         self._drive = self._state.joint_positions.copy()
         raise SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
 
-    # --- commands -----------------------------------------------------------------------------------------------------
+    # --- commands ---
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -159,7 +160,8 @@ class Simulation:
             The accepted command, clamped to the limits where they are enforced.
 
         Raises:
-            CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is changed.
+            CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is
+            changed.
         """
         checked = check_command(list(values), self.joint_names)
         if self.enforce_limits:
@@ -215,7 +217,7 @@ class Simulation:
             if controller.on_key is not None:
                 controller.on_key(self, key)
 
-    # --- parameters ---------------------------------------------------------------------------------------------------
+    # --- parameters ---
 
     def set_material(
         self, body: str, young_modulus: float | None = None, poisson_ratio: float | None = None
@@ -257,7 +259,7 @@ class Simulation:
         if rayleigh_mass is not None:
             self.parameters.rayleigh_mass = float(rayleigh_mass)
 
-    # --- state --------------------------------------------------------------------------------------------------------
+    # --- state ---
 
     def snapshot(self) -> bytes:
         """Everything needed to go on from here: state, commands, tuned parameters."""
@@ -310,7 +312,7 @@ class Simulation:
         arrays = (model.rest, model.elements.nodes, model.zone_of_node, model.gravity)
         return (self.scene.name, self.joint_names, model.dt, model.law, [array.tobytes() for array in arrays])
 
-    # --- what one can look at -----------------------------------------------------------------------------------------
+    # --- what one can look at ---
 
     @property
     def positions(self) -> Array:
@@ -371,7 +373,7 @@ class Simulation:
         return np.asarray(total / self._elements_of_node)
 
     def frames(self) -> dict[str, Pose]:
-        """Poses of the free frames by name, of each joint's base by the joint's name, and of its horn (`NAME_horn`)."""
+        """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
         state, poses = self._state, {}
         for f, name in enumerate(self.model.frame_names):
             poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))

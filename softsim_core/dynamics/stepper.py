@@ -34,8 +34,8 @@ class Inputs:
     Attributes:
         targets: Where each joint is commanded to be at the end of the step, in [rad] or [m], shape (j,).
         forces: External forces on the nodes in [N], shape (n, 3).
-        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven: their
-            velocity stays zero, and the body feels the move from the next step on.
+        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven:
+            their velocity stays zero, and the body feels the move from the next step on.
     """
 
     targets: Array
@@ -61,7 +61,8 @@ class Stepper(Protocol):
         """Advance `state` by one dt, in place.
 
         Returns:
-            The largest component of all new velocities, NaN if one is: the caller decides whether to keep the state.
+            The largest component of all new velocities, NaN if one is: the caller decides whether to keep the
+            state.
         """
         ...
 

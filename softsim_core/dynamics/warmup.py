@@ -1,7 +1,8 @@
-"""Fill the cache of compiled kernels, so that no simulation has to wait: `python -m softsim_core.dynamics.warmup`."""
+"""Fill the cache of compiled kernels: `python -m softsim_core.dynamics.warmup`."""
 
 from __future__ import annotations
 
+import sys
 from time import perf_counter
 
 from softsim_core.mesh import box_mesh
@@ -47,5 +48,6 @@ def warm_up() -> float:
 
 
 if __name__ == "__main__":
-    print("compiling the simulation kernels (once, about 20 s) ...", flush=True)
-    print(f"kernels ready after {warm_up():.1f} s")
+    sys.stdout.write("compiling the simulation kernels (once, 10 to 60 s) ...\n")
+    sys.stdout.flush()
+    sys.stdout.write(f"kernels ready after {warm_up():.1f} s\n")

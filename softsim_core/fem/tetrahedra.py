@@ -14,8 +14,9 @@ from softsim_core.fem.corotational import element_frames
 class Tetrahedra:
     """Rest data of linear tetrahedra, each in a frame of its own.
 
-    The frame (first edge, plane of the first three nodes) makes the `qr` rotation law plain: at rest every element's
-    rotation is its frame. Isotropic elasticity does not see the choice, so the `polar` law uses the same data.
+    The frame (first edge, plane of the first three nodes) makes the `qr` rotation law plain: at rest every
+    element's rotation is its frame. Isotropic elasticity does not see the choice, so the `polar` law uses the
+    same data.
 
     Attributes:
         nodes: Node indices, shape (m, 4).

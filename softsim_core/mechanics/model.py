@@ -1,8 +1,9 @@
 """The mechanical model: a scene compiled to arrays, and its generalised coordinates.
 
-Nodes are free (three unknowns each) or belong to a rigid zone that is held still, moves with a joint, or is a free rigid
-frame. Frames and joints are the *border*: few unknowns beside the sparse interior. Each border unknown is a screw: at the
-point x it moves the body by `angular x (x - origin) + linear` a unit of its velocity.
+Nodes are free (three unknowns each) or belong to a rigid zone that is held still, moves with a joint, or is a
+free rigid frame. Frames and joints are the *border*: few unknowns beside the sparse interior. Each border
+unknown is a screw: at the point x it moves the body by `angular x (x - origin) + linear` a unit of its
+velocity.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ class Model:
         law: Rotation law of the elements, "polar" or "qr".
         zone_of_node: Zone of each node, or FREE, or HELD, shape (n,).
         zones: Rigid zones that move.
-        frame_names: Names of the free frames; frame f owns the border unknowns 6 f .. 6 f + 5 (velocity, then spin).
+        frame_names: Names of the free frames; frame f owns the border unknowns 6 f .. 6 f + 5 (velocity, then
+            spin).
         frame_rest: Rest origins in [m] (f, 3) and rotations (f, 3, 3) of the free frames.
         joints: Joints; joint j owns the border unknown 6 len(frame_names) + j.
     """

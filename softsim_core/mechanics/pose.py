@@ -28,8 +28,8 @@ def rotation_exp(rotation_vector: Array) -> Array:
     angle = float(np.linalg.norm(rotation_vector))
     k = cross_matrix(rotation_vector)
     if angle < 1e-8:
-        return np.eye(3) + k + 0.5 * k @ k
-    return np.eye(3) + np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * (k @ k)
+        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * (k @ k))
 
 
 def rotation_log(rotation: Array) -> Array:
@@ -38,11 +38,11 @@ def rotation_log(rotation: Array) -> Array:
     sine = float(np.sqrt(x * x + y * y + z * z))
     if sine < 1e-12:
         return 2.0 * np.array([x, y, z])
-    return 2.0 * np.arctan2(sine, w) / sine * np.array([x, y, z])
+    return np.asarray(2.0 * np.arctan2(sine, w) / sine * np.array([x, y, z]))
 
 
 def rotation_euler(angles: Array) -> Array:
-    """Rotation matrix Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, then y, then z."""
+    """Rotation Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, then y, then z."""
     (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -54,7 +54,7 @@ def rotation_euler(angles: Array) -> Array:
 
 
 def quaternion_of(rotation: Array) -> Array:
-    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3); branches on the largest component."""
+    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3), by its largest component."""
     m = rotation
     squares = np.array(
         [

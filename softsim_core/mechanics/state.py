@@ -22,7 +22,8 @@ class State:
         frame_rotations: Rotations of the free frames, shape (f, 3, 3).
         border_velocities: Velocity and spin of the free frames, then joint velocities, shape (6 f + j,).
         joint_positions: Joint positions in [rad] or [m], shape (j,).
-        joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape (j,).
+        joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape
+            (j,).
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).
     """
 

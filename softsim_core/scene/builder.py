@@ -14,7 +14,6 @@ from softsim_core.fem.material import LinearMaterial
 from softsim_core.fem.tetrahedra import rest_tetrahedra
 from softsim_core.mechanics.model import FREE, HELD, Joint, Model, Zone
 from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.scene.regions import nodes_in
 from softsim_core.mesh import (
     Embedding,
     SurfaceMesh,
@@ -26,6 +25,7 @@ from softsim_core.mesh import (
     read_tets,
 )
 from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
+from softsim_core.scene.regions import nodes_in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +171,7 @@ def _assign_nodes(
         if len(nodes) == 0:
             raise SceneError(
                 f"attachment {attachment.name}: no node of body {body.name} lies inside its region; "
-                f"move or enlarge it (the body spans {body.mesh.points.min(0)} to {body.mesh.points.max(0)} m)"
+                f"move or enlarge it (the body spans {points.min(0)} to {points.max(0)} m there)"
             )
         if attachment.stiffness is not None:
             spring[nodes] += attachment.stiffness

@@ -12,17 +12,18 @@ from numba import config, njit
 from numba.extending import intrinsic as numba_intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
+_settings: Any = config
 
 
 def _cache_directory() -> Path:
-    """A folder named after the kernels' sources: Numba alone would miss a change in a kernel that another one calls."""
+    """A folder named after the kernels' sources: Numba misses a change in a kernel that another one calls."""
     here = Path(__file__).parent
     digest = hashlib.sha256()
     for source in sorted(here.glob("*.py")):
         digest.update(source.read_bytes())
     beside = here / "__pycache__"
-    if config.CACHE_DIR:
-        base = Path(config.CACHE_DIR)
+    if _settings.CACHE_DIR:
+        base = Path(_settings.CACHE_DIR)
     elif os.access(beside if beside.is_dir() else here, os.W_OK):
         base = beside
     else:
@@ -39,18 +40,18 @@ def kernel(function: F) -> F:
     Kernels live at module level: only there does Numba's cache serve every process.
     """
     flags = {"contract", "reassoc", "nsz", "arcp"}
-    before, config.CACHE_DIR = config.CACHE_DIR, _CACHE  # read when the function is decorated
+    before, _settings.CACHE_DIR = _settings.CACHE_DIR, _CACHE  # read when the function is decorated
     try:
         return cast(F, njit(cache=True, nogil=True, fastmath=flags, error_model="numpy")(function))
     finally:
-        config.CACHE_DIR = before
+        _settings.CACHE_DIR = before
 
 
 def inlined(function: F) -> F:
-    """Part of a kernel, copied into its callers: a call that hands over whole groups of arrays is not free."""
+    """Part of a kernel, copied into its callers: handing over whole groups of arrays is not free."""
     return cast(F, njit(inline="always")(function))
 
 
 def intrinsic(function: Callable[..., Any]) -> Any:
-    """A function that writes its own machine code (LLVM), callable from kernels without the typing context."""
+    """A function that writes its own machine code (LLVM); kernels call it without the typing context."""
     return numba_intrinsic(function)

@@ -1,4 +1,4 @@
-"""Compiled assembly: forces of the elements and their stiffness, straight into the panels of the factorisation."""
+"""Compiled assembly: forces of the elements, and their stiffness straight into the factor's panels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEWTON_TOLERANCE = 1e-12
 
 @inlined
 def rotate_and_push(x: Array, polar: bool, elements: Elements, batch: int, work: Work) -> None:
-    """Rotated gradients of a batch of elements, into work.rotated, and its forces at x + lag v, into work.forces."""
+    """Rotated gradients of a batch (work.rotated) and its forces at x + lag v (work.forces)."""
     if polar:
         polar_rotations(x, elements.nodes, elements.gradients, batch, work.deformation, work.rotations)
         for lane in range(LANES):
@@ -30,7 +30,8 @@ def rotate_and_push(x: Array, polar: bool, elements: Elements, batch: int, work:
     else:
         frame_rotations(x, elements.corners, batch, work.rotations)
     batch_forces(
-        work.ahead, elements.nodes, elements.gradients, elements.lame, batch, work.rotations, work.rotated, work.forces
+        work.ahead, elements.nodes, elements.gradients, elements.lame, batch, work.rotations, work.rotated,
+        work.forces
     )  # fmt: skip
 
 
@@ -70,7 +71,7 @@ def assemble_mixed(x: Array, scale: float, polar: bool, elements: Elements, node
             free, moving = elements.counts[e, 0], elements.counts[e, 1]
             add_free_blocks(elements, e, lane, free, lam, mu, work)
             for b in range(free, free + moving):
-                z = nodes.index[elements.nodes[batch, b, lane]]
+                z = nodes.zone_number[elements.nodes[batch, b, lane]]
                 for q in range(nodes.size[z]):
                     add_border_column(elements, batch, lane, e, b, z, q, lam, mu, nodes, work)
 
@@ -89,7 +90,7 @@ def add_border_column(
     nodes: Nodes,
     work: Work,
 ) -> None:
-    """K_ab J of element e for its zone node b (number z) and that node's q-th border unknown, for all nodes a.
+    """K_ab J for zone node b (number z) of element e, the q-th border unknown of that node and all a.
 
     K_ab J = lam h_a (h_b . J) + mu h_b (h_a . J) + mu (h_a . h_b) J.
     """
@@ -112,7 +113,7 @@ def add_border_column(
             work.panels[place + stride] += c1
             work.panels[place + 2 * stride] += c2
         else:
-            other = nodes.index[elements.nodes[batch, a, lane]]
+            other = nodes.zone_number[elements.nodes[batch, a, lane]]
             for p in range(nodes.size[other]):
                 m = nodes.border[other, p]
                 if m <= k:
@@ -123,7 +124,7 @@ def add_border_column(
 
 @kernel
 def assemble_nodes(v: Array, h: float, rayleigh_mass: float, nodes: Nodes, work: Work) -> None:
-    """Masses, soft fixings and right-hand side; work.forces holds all forces on the nodes but mass damping."""
+    """Masses, soft fixings, right-hand side; work.forces holds all node forces but mass damping."""
     impulse = np.empty(3)
     for f in range(len(nodes.free)):
         node, place, stride = nodes.free[f], nodes.row[f], nodes.stride[f]
@@ -143,4 +144,6 @@ def assemble_nodes(v: Array, h: float, rayleigh_mass: float, nodes: Nodes, work:
                 jacobian = work.jacobian[z, q, i]
                 work.schur[k, last] += jacobian * impulse[i]
                 for p in range(q + 1):
-                    work.schur[nodes.border[z, p], k] += nodes.diagonal[node] * jacobian * work.jacobian[z, p, i]
+                    work.schur[nodes.border[z, p], k] += (
+                        nodes.diagonal[node] * jacobian * work.jacobian[z, p, i]
+                    )

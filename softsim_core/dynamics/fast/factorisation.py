@@ -1,6 +1,7 @@
-"""Compiled supernodal multifrontal Cholesky factorisation, with the forward solve on the way, and backward solve.
+"""Compiled supernodal multifrontal Cholesky factorisation, forward solve on the way, and backward solve.
 
-The layout is that of symbolic.Plan: a panel row holds [own columns | later unknowns | border | right-hand side].
+The layout is that of symbolic.Plan: a panel row holds [own columns | later unknowns | border | right-hand
+side].
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, BoolArray
 from softsim_core.dynamics.fast.compile import kernel
 from softsim_core.dynamics.fast.layout import Tree, Work
 from softsim_core.dynamics.fast.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
@@ -17,9 +18,17 @@ from softsim_core.dynamics.fast.simd import LANES, ROWS, add_to, dot_product, so
 
 @kernel
 def subtract_products(
-    target: Array, place: int, stride: int, row: int, source: Array, first: int, pitch: int, count: int, length: int
+    target: Array,
+    place: int,
+    stride: int,
+    row: int,
+    source: Array,
+    first: int,
+    pitch: int,
+    count: int,
+    length: int,
 ) -> None:
-    """Rows row .. row + ROWS of target -= source^T source over `count` rows of source, columns from the diagonal on."""
+    """Rows row .. row + ROWS of target -= source^T source over `count` rows, from the diagonal on."""
     j = row - row % LANES
     start = place + row * stride
     while j + 2 * LANES <= length:
@@ -48,13 +57,14 @@ def factor_rows(panels: Array, begin: int, width: int, row: int, coefficients: A
 
 @kernel
 def add_update(
-    tree: Tree, child: int, stack: Array, own: int, later: int, width: int, panels: Array, panel: int, goal: Array,
+    tree: Tree, child: int, stack: Array, own: int, later: int, width: int, panels: Array, panel: int, goal:
+        Array,
     top: int, pitch: int,
 ) -> None:  # fmt: skip
     """Add a child's update (an upper triangle in the stack) to its parent's panel and update.
 
-    The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update from `top`,
-    in rows of length `pitch`.
+    The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update
+    from `top`, in rows of length `pitch`.
     """
     side, length = tree.side[child], tree.width[child] - tree.later[child]
     begin = tree.update[child]
@@ -104,10 +114,11 @@ def factor(tree: Tree, work: Work) -> None:
 
 
 @kernel
-def solve_border(schur: Array, known: Array, change: Array, matrix: Array) -> None:
+def solve_border(schur: Array, known: BoolArray, change: Array, matrix: Array) -> None:
     """Border unknowns from the upper triangle of `schur` (last column: right-hand side).
 
-    Entries of `change` (b,) with `known` true are given; the others are filled in. `matrix` (b, b) is scratch.
+    Entries of `change` (b,) with `known` true are given; the others are filled in. `matrix` (b, b) is
+    scratch.
     """
     size = len(known)
     for i in range(size):

@@ -55,7 +55,13 @@ def screws(motion: Motion, border: Border, work: Work) -> None:
 @kernel
 def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
     """Velocity of each zone node a unit of each of its border unknowns, into work.jacobian."""
-    x, angular, linear, origin, result = motion.positions, work.angular, work.linear, work.origin, work.jacobian
+    x, angular, linear, origin, result = (
+        motion.positions,
+        work.angular,
+        work.linear,
+        work.origin,
+        work.jacobian,
+    )
     for z in range(len(nodes.zone)):
         node = nodes.zone[z]
         for q in range(nodes.size[z]):

@@ -1,25 +1,26 @@
 """The arrays that the compiled kernels share, in a few named groups.
 
-b: border unknowns, e: elements of a kind, f: free nodes, j: joints, n: nodes, s: supernodes, z: nodes in moving zones.
+b: border unknowns, e: elements of a kind, f: free nodes, j: joints, n: nodes, s: supernodes, z: nodes in
+moving zones.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 
 
 class Elements(NamedTuple):
-    """Elements, LANES to a batch (B batches), nodes in elimination order: free, then in moving zones, then held.
+    """Elements, LANES to a batch (B batches); their nodes: free ones, then in moving zones, then held.
 
     Attributes:
         nodes: Node indices, shape (B, 4, LANES).
         corners: The first three nodes in mesh order and the fourth (law `qr`), shape (B, 4, LANES).
         gradients: Shape gradients in [1/m], shape (B, 12, LANES).
         lame: Lame parameters times volume in [N m], shape (B, 2, LANES); zero in lanes without an element.
-        starts: Panel places of the ten blocks of free nodes, first panel place of each free node (from 10) and its
-            supernode (from 14), shape (e, 18).
+        starts: Panel places of the ten blocks of free nodes, first panel place of each free node (from 10)
+            and its supernode (from 14), shape (e, 18).
         strides: Panel width at each free node, shape (e, 4).
         counts: Free nodes, and nodes in moving zones, shape (e, 2).
     """
@@ -48,7 +49,7 @@ class Nodes(NamedTuple):
         local: Position in the zone's frame in [m], shape (z, 3).
         border: Border unknowns that move the node, shape (z, 6).
         size: How many of them count, shape (z,).
-        index: Number among the zone nodes of each node, or -1, shape (n,).
+        zone_number: Number among the zone nodes of each node, or -1, shape (n,).
         border_column: Panel column of each border unknown in each supernode, or -1, shape (s, b).
         mass: Node masses in [kg], shape (n,).
         diagonal: What inertia and soft fixings add to the matrix, in [kg], shape (n,).
@@ -65,7 +66,7 @@ class Nodes(NamedTuple):
     local: Array
     border: IndexArray
     size: IndexArray
-    index: IndexArray
+    zone_number: IndexArray
     border_column: IndexArray
     mass: Array
     diagonal: Array
@@ -89,7 +90,7 @@ class Border(NamedTuple):
     base_rotation: Array
     axis: Array
     slide: Array
-    revolute: Array
+    revolute: BoolArray
     stiffness: Array
     inertia: Array
     zones: IndexArray
@@ -109,7 +110,7 @@ class Motion(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """The elimination plan; see symbolic.Plan. `first_column`: first scalar unknown of each supernode, shape (s,)."""
+    """The plan of symbolic.Plan, and the first scalar unknown of each supernode, shape (s,)."""
 
     columns: IndexArray
     later: IndexArray

@@ -43,12 +43,19 @@ def prepare(model: Model) -> Prepared:
     free_ids, free = _elements(model, chosen[all_free], local, layout)
     mixed_ids, mixed = _elements(model, chosen[~all_free], local, layout)
     return Prepared(
-        free, mixed, free_ids, mixed_ids, _nodes(model, layout), _border(model), _tree(layout), _work(model, layout)
+        free,
+        mixed,
+        free_ids,
+        mixed_ids,
+        _nodes(model, layout),
+        _border(model),
+        _tree(layout),
+        _work(model, layout),
     )
 
 
 def set_moduli(elements: Elements, lame: Array) -> None:
-    """Lame parameters times volume (e, 2) in [N m] of the elements, in their order; none in lanes without an element."""
+    """Set Lame parameters times volume (e, 2) in [N m]; lanes without an element get none."""
     padded = np.zeros((len(elements.lame) * LANES, 2))
     padded[: len(lame)] = lame
     elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
@@ -83,8 +90,8 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
     for z, zone in enumerate(zone_of):
         unknowns = model.zones[zone].border
         border[z, : len(unknowns)], size[z] = unknowns, len(unknowns)
-    index = np.full(len(model.rest), -1, dtype=np.int64)
-    index[zone_nodes] = np.arange(len(zone_nodes))
+    number = np.full(len(model.rest), -1, dtype=np.int64)
+    number[zone_nodes] = np.arange(len(zone_nodes))
     first = np.concatenate([[0], np.cumsum(layout.columns)])[layout.supernode]
     return Nodes(
         free=free,
@@ -98,7 +105,7 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
         local=np.concatenate([np.zeros((0, 3))] + [zone.local for zone in model.zones]),
         border=border,
         size=size,
-        index=index,
+        zone_number=number,
         border_column=_border_columns(model, layout),
         mass=model.mass.copy(),
         diagonal=np.zeros(len(model.rest)),

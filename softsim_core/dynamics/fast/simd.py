@@ -10,7 +10,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils as numba_cgutils
 
 from softsim_core.dynamics.fast.compile import intrinsic
 
@@ -20,6 +20,7 @@ LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
 ROWS = 4
 """Rows that one tile updates at once; LANES is a multiple of it."""
 
+cgutils: Any = numba_cgutils
 _DOUBLE = ir.DoubleType()
 _FAST = ("contract", "reassoc", "nsz")
 
@@ -55,15 +56,15 @@ class Vectors:
         return self.builder.shuffle_vector(one, undefined, self._zeros)
 
     def multiply(self, a: Any, b: Any) -> Any:
-        """a b."""
+        """Product, lane by lane."""
         return self.builder.fmul(a, b, flags=_FAST)
 
     def add(self, a: Any, b: Any) -> Any:
-        """a + b."""
+        """Sum, lane by lane."""
         return self.builder.fadd(a, b, flags=_FAST)
 
     def subtract(self, a: Any, b: Any) -> Any:
-        """a - b."""
+        """Difference, lane by lane."""
         return self.builder.fsub(a, b, flags=_FAST)
 
     def root(self, a: Any) -> Any:
@@ -74,7 +75,7 @@ class Vectors:
         return self.builder.call(function, [a])
 
     def less(self, a: Any, b: Any) -> Any:
-        """a < b or unordered, lane by lane."""
+        """Whether a < b or one is NaN, lane by lane."""
         return self.builder.fcmp_unordered("<", a, b)
 
     def variable(self, vector: Any) -> Any:
@@ -85,7 +86,7 @@ class Vectors:
 
 
 def _tile(vectors: int) -> Any:
-    """Intrinsic that subtracts a product of `count` rows from a tile of ROWS rows and vectors * LANES columns."""
+    """Intrinsic that subtracts a product of rows from a tile of ROWS rows, vectors * LANES columns."""
 
     @intrinsic
     def tile(
@@ -198,8 +199,9 @@ def add_block(
 ) -> Any:
     """Add the stiffness block of nodes a and b to three panel rows.
 
-    panels[start + i stride + j] += lam h_ai h_bj + mu h_bi h_aj + mu (h_a . h_b) [i = j], where `h` (4, 4) holds the
-    rotated gradients with a zero in the fourth column: each row is one vector of four that adds zero beyond the block.
+    panels[start + i stride + j] += lam h_ai h_bj + mu h_bi h_aj + mu (h_a . h_b) [i = j], where `h` holds the
+    rotated gradients with a zero in the fourth column: each row is one vector of four that adds zero beyond
+    the block.
     """
     signature = types.void(
         panels, types.int64, types.int64, h, types.int64, types.int64, types.float64, types.float64
@@ -258,7 +260,9 @@ def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
         done = builder.mul(whole, integer(2 * LANES))
         with cgutils.for_range(builder, builder.sub(count, done)) as loop:
             place = builder.add(done, loop.index)
-            product = builder.fmul(builder.load(v.at(first, place)), builder.load(v.at(second, place)), flags=_FAST)
+            product = builder.fmul(
+                builder.load(v.at(first, place)), builder.load(v.at(second, place)), flags=_FAST
+            )
             builder.store(builder.fadd(builder.load(total), product, flags=_FAST), total)
         return builder.load(total)
 

@@ -1,7 +1,7 @@
 """Element kinematics in explicit vector code: LANES elements at once, one in each lane.
 
-Arrays of a batch are laid out lane by lane: gradients (batches, 12, LANES), nodes (batches, 4, LANES). The formulas stand
-in ordinary arithmetic on `Lanes`; they are those of fem.corotational.
+Arrays of a batch are laid out lane by lane: gradients (batches, 12, LANES), nodes (batches, 4, LANES). The
+formulas stand in ordinary arithmetic on `Lanes`; they are those of fem.corotational.
 """
 
 from __future__ import annotations
@@ -51,23 +51,23 @@ Matrix = list[list[Lanes]]
 
 
 def dot(a: Triple, b: Triple) -> Lanes:
-    """a . b."""
+    """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Triple, b: Triple) -> Triple:
-    """a x b."""
+    """Vector product."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def unit(a: Triple) -> Triple:
-    """a / |a|."""
+    """The direction of a."""
     length = dot(a, a).root()
     return [component / length for component in a]
 
 
 def difference(a: Triple, b: Triple) -> Triple:
-    """a - b."""
+    """Componentwise a - b."""
     return [p - q for p, q in zip(a, b, strict=True)]
 
 
@@ -146,11 +146,14 @@ def frame_rotations(typing: Any, x: Any, corners: Any, batch: Any, rotations: An
 
 
 @intrinsic
-def polar_rotations(typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any, deformation: Any, rotations: Any) -> Any:
+def polar_rotations(
+    typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any, deformation: Any, rotations: Any
+) -> Any:
     """Deformation gradients (9, LANES) and nearest rotations (10, LANES) of a batch (law `polar`).
 
-    Row 9 of `rotations` is the size of the last Newton step against the root: a lane where it is not tiny, or where the
-    rotation is nearly undefined (1 then), is left to the scalar kernel. Source: Markley 1993, see kernels.nearest_rotation.
+    Row 9 of `rotations` is the size of the last Newton step against the root: a lane where it is not tiny, or
+    where the rotation is nearly undefined (1 then), is left to the scalar kernel. Source: Markley 1993, see
+    kernels.nearest_rotation.
     """
     signature = types.void(x, nodes, gradients, types.int64, deformation, rotations)
 
@@ -164,7 +167,10 @@ def polar_rotations(typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any,
         corners = [b.gather(positions, place) for place in places]
         f = [
             [
-                corners[0][i] * g[j] + corners[1][i] * g[3 + j] + corners[2][i] * g[6 + j] + corners[3][i] * g[9 + j]
+                corners[0][i] * g[j]
+                + corners[1][i] * g[3 + j]
+                + corners[2][i] * g[6 + j]
+                + corners[3][i] * g[9 + j]
                 for j in range(3)
             ]
             for i in range(3)
@@ -198,7 +204,15 @@ def polar_rotations(typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any,
 
 @intrinsic
 def batch_forces(
-    typing: Any, y: Any, nodes: Any, gradients: Any, lame: Any, batch: Any, rotations: Any, rotated: Any, forces: Any
+    typing: Any,
+    y: Any,
+    nodes: Any,
+    gradients: Any,
+    lame: Any,
+    batch: Any,
+    rotations: Any,
+    rotated: Any,
+    forces: Any,
 ) -> Any:
     """Subtract the elastic forces of a batch at positions y, and store its rotated gradients.
 
@@ -216,7 +230,10 @@ def batch_forces(
         r = b.rows(turn, integer(0), 9)
         lam, mu = b.rows(moduli, builder.mul(batch, integer(2 * LANES)), 2)
         h = [
-            [r[3 * i] * g[3 * n] + r[3 * i + 1] * g[3 * n + 1] + r[3 * i + 2] * g[3 * n + 2] for i in range(3)]
+            [
+                r[3 * i] * g[3 * n] + r[3 * i + 1] * g[3 * n + 1] + r[3 * i + 2] * g[3 * n + 2]
+                for i in range(3)
+            ]
             for n in range(4)
         ]
         corners = [b.gather(positions, place) for place in places]
@@ -227,7 +244,10 @@ def batch_forces(
         strain = [w[i][i] - 1.0 for i in range(3)]
         pressure = lam * (strain[0] + strain[1] + strain[2])
         double = mu * 2.0
-        s = [[pressure + double * strain[i] if i == j else mu * (w[i][j] + w[j][i]) for j in range(3)] for i in range(3)]
+        s = [
+            [pressure + double * strain[i] if i == j else mu * (w[i][j] + w[j][i]) for j in range(3)]
+            for i in range(3)
+        ]
         for n in range(4):
             b.subtract(total, places[n], [dot(s[i], h[n]) for i in range(3)])
             for i in range(3):

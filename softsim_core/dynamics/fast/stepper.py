@@ -1,7 +1,7 @@
 """The fast time step: compiled assembly into the panels of a supernodal multifrontal Cholesky factorisation.
 
-One step is three compiled calls (assemble, factor, finish); everything that does not change is planned once. It computes
-what scipy_step computes, to rounding.
+One step is three compiled calls (assemble, factor, finish); everything that does not change is planned once.
+It computes what scipy_step computes, to rounding.
 """
 
 from __future__ import annotations
@@ -44,10 +44,11 @@ def assemble(
 
 @kernel
 def finish(
-    motion: Motion, targets: Array, base_shift: float, h: float, lag: float, border: Border, tree: Tree, nodes: Nodes,
+    motion: Motion, targets: Array, base_shift: float, h: float, lag: float, border: Border, tree: Tree,
+        nodes: Nodes,
     work: Work,
 ) -> float:  # fmt: skip
-    """Solve the border and backward, advance, and report joint efforts; returns the largest speed, NaN included."""
+    """Solve border and interior, advance, report joint efforts; returns the largest speed, or NaN."""
     joints, velocities = len(motion.joint_positions), motion.border_velocities
     size = len(velocities)
     first = size - joints
@@ -118,8 +119,8 @@ class NumbaStepper:
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
         assemble(
-            motion, external, h, lag, parameters.rayleigh_mass, self._polar, all_.border, all_.free, all_.mixed,
-            all_.nodes, all_.work,
+            motion, external, h, lag, parameters.rayleigh_mass, self._polar, all_.border, all_.free,
+            all_.mixed, all_.nodes, all_.work,
         )  # fmt: skip
         assembled = perf_counter()
         factor(all_.tree, all_.work)

@@ -1,10 +1,12 @@
 """Symbolic factorisation, once a model: elimination order, supernodes, and where every number goes.
 
-The unknowns are free nodes (blocks of three) followed by the border (frames, joints) and, as a last column, the right-hand
-side, so that factoring also solves forward. Each supernode keeps one dense panel: its columns as rows of L^T, contiguous
-over [own columns | later unknowns | border | right-hand side]. The border's own matrix is what the elimination leaves.
+The unknowns are free nodes (blocks of three) followed by the border (frames, joints) and, as a last column,
+the right-hand side, so that factoring also solves forward. Each supernode keeps one dense panel: its columns
+as rows of L^T, contiguous over [own columns | later unknowns | border | right-hand side]. The border's own
+matrix is what the elimination leaves.
 
-Sources: Liu 1990 (elimination trees), Duff and Reid 1983 (multifrontal), Ashcraft and Grimes 1989 (relaxed supernodes).
+Sources: Liu 1990 (elimination trees), Duff and Reid 1983 (multifrontal), Ashcraft and Grimes 1989 (relaxed
+supernodes).
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from scipy.sparse.linalg import splu
 from softsim_core.arrays import IndexArray
 
 RELAXATION = ((24, 0.6), (48, 0.3), (72, 0.2), (1 << 30, 0.08))
-"""Merge a supernode into its parent while the merged one has at most so many columns and at most this share of zeros."""
+"""Merge supernodes while the merged one has at most so many columns, and this share of zeros."""
 
 
 @dataclass(slots=True, eq=False)
@@ -66,7 +68,8 @@ class Plan:
         row_index: Scalar unknowns (3 position + axis; 3 f + border) of the panel columns after the own ones.
         supernode: Supernode of each free node, shape (f,).
         row_offset: Offset in the panel store of the first of a free node's three panel rows, shape (f,).
-        column_of: For each supernode, the panel column of each later scalar unknown (dictionary), border included.
+        column_of: For each supernode, the panel column of each later scalar unknown (dictionary), border
+            included.
     """
 
     position: IndexArray
@@ -98,9 +101,8 @@ def minimum_degree(count: int, edges: IndexArray) -> IndexArray:
     graph.data[:] = -1.0
     dominant = graph + sp.diags(np.asarray(-graph.sum(axis=1)).ravel() + 1.0)
     options = {"SymmetricMode": True}
-    return splu(
-        dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-    ).perm_c.astype(np.int64)
+    factors = splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return np.asarray(factors.perm_c, dtype=np.int64)
 
 
 def plan(
@@ -171,7 +173,7 @@ def _amalgamate(
     supernodes: list[Supernode], parents: list[int], order: IndexArray
 ) -> tuple[list[Supernode], list[int]]:
     """Merge children into parents where the zeros that costs are few; the roots' indices come second."""
-    for p, parent in enumerate(supernodes):  # children come before their parents
+    for parent in supernodes:  # children come before their parents
         for c in sorted(parent.children, key=lambda child: -len(supernodes[child].columns)):
             child = supernodes[c]
             (own, coupled), (own_parent, coupled_parent) = child.size(), parent.size()
@@ -210,8 +212,8 @@ def _lay_out(
     position = np.empty(count, dtype=np.int64)
     placed = 0
     for s in sequence:
-        for node in supernodes[s].columns:
-            position[node] = placed
+        for column in supernodes[s].columns:
+            position[column] = placed
             placed += 1
     size = len(sequence)
     columns, later_start, side, width = (np.zeros(size, np.int64) for _ in range(4))
@@ -285,7 +287,7 @@ def _padded(length: Any, multiple: int) -> Any:
 
 
 def _plan_stack(needs: IndexArray, child_lists: list[list[int]], update: IndexArray) -> int:
-    """Fill `update` with the first place where each update fits beside those still needed; returns the length needed."""
+    """Fill `update` with the first fit of each update beside those still needed; returns the length."""
     held: dict[int, tuple[int, int]] = {}  # supernode -> (start, end) of its update
     highest = 0
     for index, need in enumerate(needs.tolist()):
