@@ -60,3 +60,15 @@ class SolverDivergedError(SoftSimError, RuntimeError):
         super().__init__(
             f"diverged at step {step} (t = {time_s:.3f} s), node {worst_node}; reduce dt or the load per step"
         )
+
+
+class NotConvergedError(SoftSimError, RuntimeError):
+    """No static equilibrium was found; carries the reason, the fraction of the load, iterations, residual."""
+
+    def __init__(self, reason: str, fraction: float, iterations: int, residual: float) -> None:
+        self.reason, self.fraction, self.iterations, self.residual = reason, fraction, iterations, residual
+        super().__init__(
+            f"no static equilibrium found: {reason} at {100.0 * fraction:.3g} % of the load, after "
+            f"{iterations} iterations, residual {residual:.3g} N; start from a nearer state, change the load, "
+            "or let the dynamics settle"
+        )

@@ -1,4 +1,4 @@
-"""Forces and sparse matrices of a model on its unknowns: three a free node, then the border (frames, joints)."""
+"""Forces and sparse matrices of a model on its unknowns: three a free node, then frames and joints."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Unknowns:
 
 
 def rotated_gradients(model: Model, positions: Array) -> Array:
-    """Shape gradients of each element turned with it, in [1/m], shape (m, 4, 3), at node `positions` (n, 3)."""
+    """Shape gradients turned with each element at node `positions` (n, 3), in [1/m], shape (m, 4, 3)."""
     gradients = model.elements.gradients
     rotations = element_rotations(positions[model.elements.nodes], gradients, model.law)
     return np.asarray(gradients @ np.swapaxes(rotations, 1, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -66,7 +67,7 @@ class ScipyStepper:
         return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
 
     def system(self, state: State, inputs: Inputs, parameters: Parameters) -> tuple[sp.csc_matrix, Array]:
-        """Matrix A and right-hand side b of the step over free nodes, frames and joints (prescribed ones included).
+        """Matrix A and right-hand side b over free nodes, frames and joints (prescribed ones too).
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + border unknowns.
@@ -92,8 +93,8 @@ class ScipyStepper:
         return (mapping.T @ full @ mapping + sp.diags(diagonal)).tocsc(), rhs
 
 
-def factorised(matrix: sp.csc_matrix) -> object:
-    """SuperLU factorisation of a symmetric positive definite matrix, ordered by minimum degree on A + A^T."""
+def factorised(matrix: sp.csc_matrix) -> Any:
+    """SuperLU factors of a (nearly) symmetric matrix: diagonal pivots, minimum degree order of A + A^T."""
     return splu(
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )

@@ -1,8 +1,9 @@
-r"""Corotational linear elasticity on tetrahedra, vectorised over elements: rotations, strain, forces, tangents.
+r"""Corotational linear elasticity on tetrahedra, vectorised over elements: rotations, stress, tangents.
 
 With F the deformation gradient (from the element frame to the world) and R its rotation, the strain is
-:math:`\epsilon = sym(F R^T) - I` in world axes, the stress :math:`\sigma = \lambda tr(\epsilon) I + 2 \mu \epsilon` and the
-force on node a :math:`f_a = -V \sigma h_a` with the rotated gradient :math:`h_a = R g_a`.
+:math:`\epsilon = sym(F R^T) - I` in world axes, the stress
+:math:`\sigma = \lambda tr(\epsilon) I + 2 \mu \epsilon` and the force on node a
+:math:`f_a = -V \sigma h_a` with the rotated gradient :math:`h_a = R g_a`.
 
 Sources: Mueller and Gross 2004; Nesme, Payan, Faure 2005 (`qr`); Chao et al. 2010 (exact tangent).
 """
@@ -42,7 +43,7 @@ def polar_rotations(deformation: Array) -> Array:
 
 def deformation_gradients(corners: Array, gradients: Array) -> Array:
     """F (m, 3, 3) of corner positions (m, 4, 3) in [m] and shape gradients (m, 4, 3) in [1/m]."""
-    return np.einsum("mai,maj->mij", corners, gradients)
+    return np.asarray(np.einsum("mai,maj->mij", corners, gradients))
 
 
 def element_rotations(corners: Array, gradients: Array, law: str) -> Array:
@@ -67,22 +68,21 @@ def stresses(corners: Array, rotated: Array, lame: Array) -> Array:
 
 
 def stiffness_blocks(rotated: Array, volumes: Array, lame: Array) -> Array:
-    """Warped element stiffness K_ab = V (lambda h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I), shape (m, 4, 4, 3, 3)."""
+    """Warped K_ab = V (lambda h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I), shape (m, 4, 4, 3, 3)."""
     outer = np.einsum("mai,mbj->mabij", rotated, rotated)
     dots = np.einsum("mai,mbi->mab", rotated, rotated)
     lam, mu = (lame * volumes[:, None]).T
-    return (
-        lam[:, None, None, None, None] * outer
-        + mu[:, None, None, None, None] * np.swapaxes(outer, 3, 4)
-        + mu[:, None, None, None, None] * dots[..., None, None] * np.eye(3)
-    )
+    blocks = lam[:, None, None, None, None] * outer
+    blocks += mu[:, None, None, None, None] * np.swapaxes(outer, 3, 4)
+    blocks += mu[:, None, None, None, None] * dots[..., None, None] * np.eye(3)
+    return np.asarray(blocks)
 
 
 def exact_tangent_blocks(corners: Array, gradients: Array, volumes: Array, lame: Array, law: str) -> Array:
-    r"""Exact derivative -df_a/dx_b of a law "polar" or "qr", turn of the element included, shape (m, 4, 4, 3, 3).
+    r"""Exact derivative -df_a/dx_b of the law "polar" or "qr", rotation included, shape (m, 4, 4, 3, 3).
 
-    A variation :math:`\delta F` turns the rotation by :math:`\delta R = R [w]_x`; symmetric for `polar`, whose
-    force has a potential, and not quite for `qr`. Singular where two principal stretches add up to zero (`polar`).
+    A variation :math:`\delta F` turns the rotation by :math:`\delta R = R [w]_x`. Symmetric for `polar`,
+    whose force has a potential, not for `qr`; singular for `polar` where two principal stretches cancel.
     """
     rotation = element_rotations(corners, gradients, law)
     rt = np.swapaxes(rotation, 1, 2)
@@ -104,7 +104,7 @@ def _stress(gradient: Array, lame: Array) -> Array:
 
 
 def _polar_turns(stretch: Array, rt: Array, gradients: Array) -> Array:
-    """Turn w, with (tr(S) I - S) w = axial(R^T dF), for a unit move of node b along axis j, shape (m, 4, 3, 3)."""
+    """Turn w, (tr(S) I - S) w = axial(R^T dF), for a unit move of node b along axis j, shape (m, 4, 3, 3)."""
     resist = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
     axial = np.cross(gradients[:, :, None, :], np.swapaxes(rt, 1, 2)[:, None, :, :])
     return np.asarray(np.einsum("mij,mbkj->mbki", np.linalg.inv(resist), axial))
@@ -112,7 +112,9 @@ def _polar_turns(stretch: Array, rt: Array, gradients: Array) -> Array:
 
 def _frame_turns(corners: Array, rt: Array) -> Array:
     """Turn w of the frame of the first edge d and the second e for a unit move of node b along axis j."""
-    edges = np.einsum("mij,maj->mai", rt, corners[:, 1:3] - corners[:, :1])  # in the frame: (l, 0, 0), (p, q, 0)
+    edges = np.einsum(
+        "mij,maj->mai", rt, corners[:, 1:3] - corners[:, :1]
+    )  # in the frame: (l, 0, 0), (p, q, 0)
     length, p, q = edges[:, 0, 0], edges[:, 1, 0], edges[:, 1, 1]
     turns = np.zeros((len(corners), 4, 3, 3))
     for b, first, second in ((0, -1.0, -1.0), (1, 1.0, 0.0), (2, 0.0, 1.0)):

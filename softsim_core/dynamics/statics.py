@@ -1,0 +1,269 @@
+"""Static equilibrium of a model: Newton's method with the exact tangent, line search and load stepping.
+
+With q the free nodes, free frames and compliant joints, x = x(q) the nodes, J = dx/dq and f the forces on
+nodes (elastic, weight, soft fixings, external), the residual is r(q) = J^T f + drive springs, and an
+iteration solves
+
+    (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid zones
+
+and takes the part of dq after which the next one is shorter. A load that is too far is approached in parts:
+joint targets and base shift move evenly, and the residual of the first state is taken away evenly.
+
+Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import (
+    Unknowns,
+    elastic_forces,
+    jacobian,
+    rotated_gradients,
+    sparse_of_blocks,
+)
+from softsim_core.dynamics.scipy_step import factorised
+from softsim_core.dynamics.stepper import Inputs, Parameters
+from softsim_core.errors import NotConvergedError
+from softsim_core.fem.corotational import exact_tangent_blocks
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mechanics.state import State
+
+SMALLEST_PART = 1.0 / 1024.0
+"""A load step below this fraction of the load is given up."""
+
+SHORTEST_STEP = 1.0 / 256.0
+"""A line search below this fraction of a Newton step is given up."""
+
+SINGULAR = "the tangent is singular (is every body attached?)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticSolution:
+    """An equilibrium.
+
+    Attributes:
+        state: The state at rest in it; joint efforts are what the drives must hold.
+        iterations: Linear solves spent, over all load steps.
+        load_steps: Parts in which the load was applied; 1 where Newton's method went straight to the answer.
+        residual: Largest unbalanced force on an unknown in [N]; moments are divided by their lever arm.
+    """
+
+    state: State
+    iterations: int
+    load_steps: int
+    residual: float
+
+
+def solve_static(
+    model: Model,
+    state: State,
+    inputs: Inputs,
+    parameters: Parameters,
+    *,
+    tolerance: float = 1e-11,
+    max_iterations: int = 25,
+) -> StaticSolution:
+    """The stable equilibrium under constant inputs that is reached from `state`.
+
+    Args:
+        model: The model.
+        state: Where to start; it is not changed. Velocities do not matter; held nodes stay where they are.
+        inputs: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
+        parameters: Material; damping has no part in an equilibrium.
+        tolerance: The last Newton step moves nothing by more than this, in [m].
+        max_iterations: Newton iterations a load step.
+
+    Raises:
+        NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
+    """
+    problem = _Problem(model, inputs, parameters, state)
+    current, reached, part, steps = problem.start, 0.0, 1.0, 0
+    while reached < 1.0:
+        goal = min(1.0, reached + part)
+        try:
+            current = problem.newton(current, reached, goal, tolerance, max_iterations)
+        except NotConvergedError as failure:
+            part /= 4.0
+            if part < SMALLEST_PART:
+                raise failure
+            continue
+        reached, steps, part = goal, steps + 1, 2.0 * part
+    residual = problem.finish(current)
+    return StaticSolution(current, problem.iterations, steps, residual)
+
+
+class _Problem:
+    """Residual and tangent of one static problem, and the Newton iteration on them."""
+
+    def __init__(self, model: Model, inputs: Inputs, parameters: Parameters, state: State) -> None:
+        self.model, self.inputs, self.parameters = model, inputs, parameters
+        self.lame = parameters.lame[model.element_body]
+        self.at = Unknowns(model)
+        self.iterations = 0
+        self.start = _copy(model, state)
+        self.start.velocities[:] = 0.0
+        self.start.border_velocities[:] = 0.0
+        self.first_targets = self.start.joint_positions.copy()
+        self.first_shift = float(self.start.base_shift[0])
+        self.lever = self._levers()
+        self.first_residual = np.zeros(self.at.size)
+        self.first_residual = self._residual(self.start, 0.0)[0]
+
+    def _levers(self) -> Array:
+        """What turns each unknown into a displacement: how far it moves its zone's nodes in [m], else 1."""
+        lever = np.ones(self.at.size)
+        screws = self.model.screws(self.start)
+        for zone in self.model.zones:
+            for k in zone.border.tolist():
+                moved = screws.jacobian(k, self.start.positions[zone.nodes])
+                lever[self.at.first_border + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
+        return lever
+
+    def newton(
+        self, before: State, reached: float, goal: float, tolerance: float, max_iterations: int
+    ) -> State:
+        """The equilibrium at the load fraction `goal`, from the one at `reached`."""
+        state = self._predicted(before, goal)
+        for _ in range(max_iterations):
+            residual, forces = self._residual(state, goal)
+            factors = self._factors(state, forces, goal)
+            step = self._solve(factors, residual)
+            largest = self._size(step)
+            if not largest < np.inf:
+                raise self._failure(SINGULAR, goal, residual)
+            if largest <= tolerance:
+                if not _positive(factors):
+                    raise self._failure("only an unstable one", goal, residual)
+                self._move(state, step)
+                return state
+            if not self._search(state, step, factors, goal):
+                raise self._failure("the line search stalled", goal, residual)
+        raise self._failure(f"no convergence in {max_iterations} iterations", goal, residual)
+
+    def finish(self, state: State) -> float:
+        """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
+        residual, _ = self._residual(state, 1.0)
+        state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
+        spring = self.at.drive * (self.inputs.targets - state.joint_positions)
+        state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
+        return self._unbalanced(residual)
+
+    def _predicted(self, before: State, goal: float) -> State:
+        """Prescribed joints and bases at `goal`; all else follows them to first order."""
+        at, model = self.at, self.model
+        state = _copy(model, before)
+        state.joint_positions[at.prescribed] = self._targets(goal)[at.prescribed]
+        state.base_shift[0] = self.first_shift + goal * (self.inputs.base_shift - self.first_shift)
+        model.place_zones(state)
+        driven = (state.positions - before.positions).ravel()
+        if driven.any():
+            residual, forces = self._residual(before, goal)
+            stiffness = self._stiffness(before)
+            residual -= jacobian(model, at, before).T @ (stiffness @ driven)
+            self._move(state, self._solve(self._factors(before, forces, goal), residual))
+        return state
+
+    def _targets(self, fraction: float) -> Array:
+        return np.asarray(self.first_targets + fraction * (self.inputs.targets - self.first_targets))
+
+    def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
+        """Generalised forces (d,) at a fraction of the load, and node forces (n, 3) in [N]."""
+        model, at = self.model, self.at
+        rotated = rotated_gradients(model, state.positions)
+        forces = self.inputs.forces + model.mass[:, None] * model.gravity
+        forces += elastic_forces(model, state.positions, rotated, self.parameters.lame)
+        forces -= model.spring[:, None] * (state.positions - model.rest)
+        residual = jacobian(model, at, state).T @ forces.ravel()
+        residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
+        return residual - (1.0 - fraction) * self.first_residual, forces
+
+    def _stiffness(self, state: State) -> sp.csr_matrix:
+        """Exact tangent -df/dx on the nodes, shape (3 n, 3 n)."""
+        model = self.model
+        corners = state.positions[model.elements.nodes]
+        blocks = exact_tangent_blocks(
+            corners, model.elements.gradients, model.elements.volumes, self.lame, model.law
+        )
+        return sparse_of_blocks(model, blocks) + sp.diags(np.repeat(model.spring, 3))
+
+    def _factors(self, state: State, forces: Array, fraction: float) -> Any:
+        """Factorised tangent of the residual on the unknowns that are solved for."""
+        at, model = self.at, self.model
+        mapping, screws = jacobian(model, at, state), model.screws(state)
+        border = np.zeros((model.border_size, model.border_size))
+        for zone in model.zones:
+            lever = state.positions[zone.nodes] - screws.origin[zone.border[-1]]
+            product = lever.T @ forces[zone.nodes]
+            turned = 0.5 * (product + product.T) - np.trace(product) * np.eye(3)
+            angular = screws.angular[zone.border]
+            border[np.ix_(zone.border, zone.border)] -= angular @ turned @ angular.T
+        border[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
+        matrix = mapping.T @ self._stiffness(state) @ mapping
+        matrix += sp.block_diag((sp.csr_matrix((at.first_border, at.first_border)), border))
+        self.iterations += 1
+        try:
+            return factorised(matrix.tocsr()[at.solved][:, at.solved])
+        except RuntimeError:  # exactly singular
+            residual, _ = self._residual(state, fraction)
+            raise self._failure(SINGULAR, fraction, residual) from None
+
+    def _solve(self, factors: Any, residual: Array) -> Array:
+        step = np.zeros(self.at.size)
+        step[self.at.solved] = factors.solve(residual[self.at.solved])
+        return step
+
+    def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
+        """Take the part of a Newton step after which the next one, with the same tangent, is shorter.
+
+        This measure is in metres for every unknown, so a stiff drive does not drown the silicone.
+        Source: Deuflhard 2004, natural monotonicity.
+        """
+        before, size, part = _copy(self.model, state), self._size(step), 1.0
+        while part >= SHORTEST_STEP:
+            self._move(state, part * step)
+            remaining = self._size(self._solve(factors, self._residual(state, fraction)[0]))
+            if remaining <= (1.0 - 0.25 * part) * size:
+                return True
+            state.copy_from(before)
+            part /= 2.0
+        return False
+
+    def _move(self, state: State, step: Array) -> None:
+        """Add a step of all unknowns; rotations turn by the exponential."""
+        at, model = self.at, self.model
+        state.positions[at.free] += step[: at.first_border].reshape(-1, 3)
+        for f in range(len(model.frame_names)):
+            shift, turn = step[at.first_border + 6 * f :][:6].reshape(2, 3)
+            state.frame_positions[f] += shift
+            state.frame_rotations[f] = rotation_exp(turn) @ state.frame_rotations[f]
+        state.joint_positions += step[at.joints]
+        model.place_zones(state)
+
+    def _size(self, step: Array) -> float:
+        """Largest displacement of a step in [m]; NaN counts as endless."""
+        return float(np.nan_to_num(np.abs(step * self.lever), nan=np.inf).max(initial=0.0))
+
+    def _unbalanced(self, residual: Array) -> float:
+        return float(np.abs(residual / self.lever)[self.at.solved].max(initial=0.0))
+
+    def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
+        return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))
+
+
+def _positive(factors: Any) -> bool:
+    """Whether all pivots of a factorisation are positive: the equilibrium is stable."""
+    return bool((factors.U.diagonal() > 0.0).all()) and bool((factors.perm_r == factors.perm_c).all())
+
+
+def _copy(model: Model, state: State) -> State:
+    copy = State(len(model.rest), len(model.frame_names), len(model.joints))
+    copy.copy_from(state)
+    return copy
