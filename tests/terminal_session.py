@@ -30,7 +30,7 @@ class TerminalSession:
     Args:
         command: Program and arguments.
         size: Columns and rows.
-        environment: Laid over this process's environment; None removes a variable.
+        environment: Laid over this process's environment.
         **streams: stdin, stdout or stderr elsewhere than in the terminal, as for subprocess.Popen.
     """
 
@@ -46,13 +46,14 @@ class TerminalSession:
         self.modes_before = termios.tcgetattr(self._slave)
         self.output = ""
         self._closed = threading.Event()
+        search_path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
         self.process = subprocess.Popen(
             command,
             **{"stdin": self._slave, "stdout": self._slave, "stderr": self._slave, **streams},
             cwd=REPOSITORY,
             env={
                 **os.environ,
-                "PYTHONPATH": str(REPOSITORY),
+                "PYTHONPATH": search_path,
                 "TERM": "xterm-256color",
                 **(environment or {}),
             },

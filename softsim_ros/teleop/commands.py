@@ -152,17 +152,22 @@ def _move(
             for joint, value in zip(robot.joints, wanted, strict=True)
             if joint.name in moved
         )
-    values, stopped = _limited(robot, wanted, moved)
+    values, stopped = _limited(state, robot, wanted, moved)
     message = listing(stopped) if stopped else title
     state = with_command(replace(state, message=message), robot, values, now, own=True)
     return state, (PublishCommand(values),)
 
 
+def enforces_limits(state: TeleopState, robot: SceneDescription) -> bool:
+    """Whether joint limits hold: as the simulator says, or before it does, as the robot's file says."""
+    return robot.commands.enforce_limits if state.enforce_limits is None else state.enforce_limits
+
+
 def _limited(
-    robot: SceneDescription, wanted: Sequence[float], moved: Sequence[str]
+    state: TeleopState, robot: SceneDescription, wanted: Sequence[float], moved: Sequence[str]
 ) -> tuple[tuple[float, ...], list[str]]:
     """The wanted positions, within enforced limits, and a note for each moved joint that stops there."""
-    if not robot.commands.enforce_limits:
+    if not enforces_limits(state, robot):
         return tuple(wanted), []
     values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, wanted, strict=True))
     notes = [

@@ -9,7 +9,7 @@ from typing import Final
 
 from softsim_core.scene.description import JointDescription, KeyBinding, SceneDescription
 from softsim_core.units import MILLIMETRE, degrees
-from softsim_ros.teleop.commands import HELP_KEY, key_table
+from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
 from softsim_ros.teleop.state import BridgeState, TeleopState
 
 BAR_WIDTHS: Final = (24, 16, 10)
@@ -86,11 +86,15 @@ def status_lines(view: View, width: int) -> list[str]:
     """State of the simulator, the bridge and inverse control, in one line or one each."""
     state = view.state
     if state.is_fresh(view.now):
-        simulator = "paused" if state.paused else "running"
+        simulator = state.simulator or "running"
+        if simulator == "running" and state.real_time_factor is not None:
+            simulator += f" at {state.real_time_factor:.2f} x real time"
     elif state.measured is None:
         simulator = "no data yet"
     else:
         simulator = "paused" if state.paused else f"no data for {view.now - state.measured_at:.0f} s"
+    if not enforces_limits(state, view.robot):
+        simulator += ", limits off"
     parts = [f"simulator: {simulator}", f"servo bridge: {BRIDGE_TEXT[state.bridge]}"]
     if state.inverse:
         parts.append("inverse control: on")

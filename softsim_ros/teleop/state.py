@@ -33,7 +33,9 @@ class TeleopState:
         commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
         trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
         echoes: Own commands that have not come back on the topic yet, oldest first.
-        paused: The simulator was told to pause, and did.
+        simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
+        real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
+        enforce_limits: Whether the simulator keeps joint limits; None: not heard, the robot's file decides.
         inverse: Inverse control was enabled from here; it owns the command topic.
         bridge: State of the servo bridge.
         seen_at: When each key was last seen, repeats included, in [s].
@@ -48,7 +50,9 @@ class TeleopState:
     commanded: tuple[float, ...] | None = None
     trusted_until: float = -math.inf
     echoes: tuple[tuple[float, ...], ...] = ()
-    paused: bool = False
+    simulator: str = ""
+    real_time_factor: float | None = None
+    enforce_limits: bool | None = None
     inverse: bool = False
     bridge: BridgeState = "not running"
     seen_at: Mapping[str, float] = field(default_factory=dict)
@@ -56,6 +60,11 @@ class TeleopState:
     last_key: str = ""
     message: str = ""
     show_help: bool = True
+
+    @property
+    def paused(self) -> bool:
+        """The simulation stands still because somebody paused it."""
+        return self.simulator == "paused"
 
     def is_fresh(self, now: float) -> bool:
         """Whether the measured positions are recent enough to command from, at `now` in [s]."""

@@ -24,6 +24,7 @@ from softsim_core.errors import SoftSimError
 from softsim_core.scene import SceneDescription, load_scene
 from softsim_core.scene.description import Action
 from softsim_ros.environment import prepare_environment
+from softsim_ros.names import ros_name
 from softsim_ros.runtime import ClosableNode, complain, declare_number, declare_text
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
@@ -39,6 +40,7 @@ from softsim_ros.teleop.display import View
 from softsim_ros.teleop.held_output import HeldOutput
 from softsim_ros.teleop.loop import ready_callbacks, run_teleop
 from softsim_ros.teleop.services import AsyncService
+from softsim_ros.teleop.simulator_link import SimulatorLink
 from softsim_ros.teleop.state import (
     BridgeState,
     TeleopState,
@@ -67,7 +69,7 @@ class Teleop(ClosableNode):
     """
 
     def __init__(self, robot: SceneDescription, **node_options: Any) -> None:
-        super().__init__("teleop", **{"namespace": robot.name, **node_options})
+        super().__init__("teleop", **{"namespace": ros_name(robot.name), **node_options})
         declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
         declare_number(
             self,
@@ -94,6 +96,7 @@ class Teleop(ClosableNode):
         self._pause = AsyncService(self, SetBool, "simulator/pause")
         self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
         self._bridge = BridgeLink(self, self._on_bridge, self.say)
+        self._simulator = SimulatorLink(self, self._on_simulator, self._on_enforced)
 
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
@@ -113,6 +116,7 @@ class Teleop(ClosableNode):
     def tick(self, now: float) -> None:
         """Housekeeping a few times a second: the bridge's state, calls without an answer."""
         self._bridge.poll(now)
+        self._simulator.poll(now)
         for service in (self._start, self._reset, self._pause, self._inverse):
             service.expire(now)
 
@@ -178,7 +182,7 @@ class Teleop(ClosableNode):
         self.say("simulation reset")
 
     def _on_paused(self, paused: bool) -> None:
-        self.state = replace(self.state, paused=paused)
+        self.state = replace(self.state, simulator="paused" if paused else "running")
         self.say("simulation paused" if paused else "simulation goes on")
 
     def _on_inverse(self, enabled: bool) -> None:
@@ -188,6 +192,13 @@ class Teleop(ClosableNode):
     def _on_bridge(self, state: BridgeState) -> None:
         if state != self.state.bridge:
             self.state = replace(self.state, bridge=state)
+
+    def _on_simulator(self, word: str, real_time_factor: float | None) -> None:
+        self.state = replace(self.state, simulator=word, real_time_factor=real_time_factor)
+
+    def _on_enforced(self, enforced: bool) -> None:
+        if enforced != self.state.enforce_limits:
+            self.state = replace(self.state, enforce_limits=enforced)
 
     def _on_joint_states(self, message: JointState) -> None:
         names = tuple(message.name)

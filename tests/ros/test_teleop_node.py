@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -29,30 +28,11 @@ from std_msgs.msg import Float64MultiArray
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_ros.teleop.teleop_node import main
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 
 JOINTS = ["servo_0", "servo_1", "servo_2"]
 START = (-1.0, -1.1, -1.2)
 TELEOP = [sys.executable, "-m", "softsim_ros.teleop.teleop_node"]
-
-
-@pytest.fixture(autouse=True)
-def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now, in the environment of this test."""
-    for domain in range(50, 90):
-        guard = socket.socket()
-        try:
-            guard.bind(("127.0.0.1", 47400 + domain))
-        except OSError:
-            guard.close()
-            continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
-        yield domain
-        guard.close()
-        return
-    pytest.fail("no free ROS domain")
 
 
 class Robot:
@@ -123,6 +103,12 @@ def teleop(robot: Robot) -> Iterator[TerminalSession]:
     with TerminalSession(TELEOP) as session:
         session.wait_for("simulator: running")
         yield session
+
+
+def with_repository() -> dict[str, str]:
+    """This process's environment, the checkout first on Python's search path."""
+    search_path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": search_path}
 
 
 def quits_cleanly(session: TerminalSession) -> None:
@@ -271,7 +257,7 @@ def test_the_servo_bridge_is_started_and_stopped(
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+            env=with_repository(),
             start_new_session=True,
         )
         try:
@@ -317,7 +303,7 @@ def test_refusals_are_one_sentence(arguments: list[str], wanted: str) -> None:
         capture_output=True,
         text=True,
         cwd=REPOSITORY,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        env=with_repository(),
         timeout=DEADLINE_S,
         start_new_session=True,
     )

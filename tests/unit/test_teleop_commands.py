@@ -119,6 +119,12 @@ def test_limits_that_are_not_enforced_allow_full_turns() -> None:
     assert published(near, "up", robot=FREE) == pytest.approx((3.2, -2.0, -1.0))
 
 
+def test_the_simulators_switch_of_the_limits_wins() -> None:
+    near = with_measurement(MEASURED, (-0.05, -2.0, -1.0), 0.0)
+    assert published(replace(near, enforce_limits=False), "up")[0] == pytest.approx(0.05)
+    assert published(replace(near, enforce_limits=True), "up", robot=FREE)[0] == -0.0255
+
+
 def test_slides_are_shown_in_metres() -> None:
     robot = SceneDescription(
         name="slide",
@@ -171,7 +177,7 @@ def test_nothing_moves_without_a_measurement() -> None:
     state, effects = press(MEASURED, TRIPOD, KeyPress("q"), late)
     assert not effects
     assert "no joint_states for 3 s" in state.message
-    state, effects = press(replace(MEASURED, paused=True), TRIPOD, KeyPress("q"), late)
+    state, effects = press(replace(MEASURED, simulator="paused"), TRIPOD, KeyPress("q"), late)
     assert not effects
     assert "paused" in state.message
 

@@ -68,7 +68,7 @@ def test_it_fits_every_size(width: int, height: int, message: str, known: bool) 
     ("size", "wanted", "absent"),
     [
         ((80, 12), ["servo_2", "simulator", "> servo_0", "key:"], ["start pose"]),
-        ((80, 7), ["servo_2", "simulator", "> servo_0"], ["start pose", "tripod teleop"]),
+        ((80, 6), ["servo_2", "simulator", "> servo_0"], ["start pose", "tripod teleop"]),
         ((60, 24), ["servo_2", "-85.7", "start pose"], ["[-"]),
         ((30, 10), ["servo_2", "-1.4963"], ["-85.7"]),
         ((20, 3), ["servo_0", "servo_2"], ["simulator"]),
@@ -87,8 +87,15 @@ def test_small_terminals_keep_what_matters(
     [
         (TeleopState(), 0.0, "simulator: no data yet"),
         (STATE, 14.0, "simulator: no data for 4 s"),
-        (replace(STATE, paused=True), 10.0, "simulator: paused"),
-        (replace(STATE, paused=True), 14.0, "simulator: paused"),
+        (replace(STATE, simulator="paused"), 10.0, "simulator: paused"),
+        (replace(STATE, simulator="paused"), 14.0, "simulator: paused"),
+        (replace(STATE, simulator="stopped"), 10.0, "simulator: stopped"),
+        (
+            replace(STATE, simulator="running", real_time_factor=0.5),
+            10.0,
+            "simulator: running at 0.50 x real time",
+        ),
+        (replace(STATE, enforce_limits=False), 10.0, "simulator: running, limits off"),
         (STATE, 10.0, "no-comm (ready, not sending)"),
         (replace(STATE, bridge="comm"), 10.0, "comm (sending)"),
         (replace(STATE, bridge="init"), 10.0, "init (port closed)"),
