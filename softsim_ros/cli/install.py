@@ -42,8 +42,9 @@ CAUSES = (  # what an installer's log says -> what a person can do
         "a file cannot be written; check the owner of the folder, or name another with SOFTSIM_HOME",
     ),
     (
-        r"No matching distribution|not find a version|No solution found",
-        "a pinned package has no build for this Python or machine; try another Python with SOFTSIM_PYTHON",
+        r"No matching distribution|not find a version|No solution found|ResolutionImpossible",
+        "the package index offers no build of a pinned package for this Python; try another one "
+        "with SOFTSIM_PYTHON, or look whether pip is set up to use another index (pip config list)",
     ),
 )
 
