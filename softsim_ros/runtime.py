@@ -99,7 +99,7 @@ def run_node(build: Callable[[], ClosableNode], args: Sequence[str] | None = Non
         prepare_environment()
         rclpy.init(args=None if args is None else ["node", *args])
     except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
-        return complain(str(error).splitlines()[0])
+        return complain(str(error).splitlines()[0].split(", at /")[0])
     node: ClosableNode | None = None
     code = 0
     try:

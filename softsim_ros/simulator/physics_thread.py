@@ -92,7 +92,7 @@ class PhysicsThread:
         self.status = PhysicsStatus()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
 
-    # --- from any thread ----------------------------------------------------------------------------------
+    # --- from any thread ------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Begin stepping."""
@@ -169,6 +169,7 @@ class PhysicsThread:
         def step(_: Simulation) -> None:
             if not self._paused:
                 raise CommandError("step refused: the simulation is running; pause it first")
+            self._fault = ""
             self._step()
             if self._fault:
                 raise SoftSimError(self._fault)
@@ -212,7 +213,7 @@ class PhysicsThread:
 
         self.call(begin, shows=False)
 
-    # --- in the thread ------------------------------------------------------------------------------------
+    # --- in the thread --------------------------------------------------------------------------------
 
     def _ask(self, serve: Callable[[], None], future: Future[Result]) -> Result:
         self._requests.put(serve)

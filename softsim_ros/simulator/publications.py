@@ -142,7 +142,8 @@ class Publications:
 
     def _publish_mesh(self, simulation: Simulation, stamp: Time, *, points: bool, marker: bool) -> None:
         vertices = simulation.visual_points()
-        stress: Array = np.asarray(simulation.visual_values(simulation.von_mises()))
+        values = simulation.visual_values(simulation.von_mises())
+        stress: Array = np.maximum(values, 0.0)  # vertices outside their element extrapolate below zero
         if points:
             self._points.publish(messages.point_cloud(stamp, WORLD, vertices, stress))
         if marker and self._template is not None:

@@ -1,0 +1,77 @@
+"""Parameters of a simulator in another process: ranges, read-only ones, what a change does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from rcl_interfaces.srv import DescribeParameters  # noqa: E402
+
+
+def settled_height(robot: Any, spin_until: Any) -> float:
+    """Height of the effector in [m] once it is at rest."""
+    poses = robot.client.collect(PoseStamped, "effector_pose")
+
+    def at_rest() -> bool:
+        heights = [pose.pose.position.z for pose in poses[-30:]]
+        return len(heights) == 30 and max(heights) - min(heights) < 1e-7
+
+    assert spin_until(at_rest)
+    return float(poses[-1].pose.position.z)
+
+
+def test_a_softer_material_sags_more(tripod: Any, spin_until: Any) -> None:
+    stiff = settled_height(tripod, spin_until)
+    assert tripod.set_parameters(young_modulus=125.0e3) == (True, "")
+    soft = settled_height(tripod, spin_until)
+    assert 0.03 - soft == pytest.approx(2.0 * (0.03 - stiff), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("young_modulus", -1.0),
+        ("young_modulus", 0.0),
+        ("poisson_ratio", 0.5),
+        ("speed", -1.0),
+        ("rayleigh_mass", -0.1),
+        ("young_modulus", "soft"),
+    ],
+)
+def test_wrong_values_are_refused_and_change_nothing(tripod: Any, name: str, value: object) -> None:
+    before = tripod.get_parameter(name)
+    success, sentence = tripod.set_parameters(**{name: value})
+    assert not success
+    assert name in sentence or "type" in sentence
+    assert tripod.get_parameter(name) == before
+
+
+@pytest.mark.parametrize("name", ["robot", "backend", "out_of_range"])
+def test_what_is_fixed_at_the_start_is_read_only(tripod: Any, name: str) -> None:
+    success, sentence = tripod.set_parameters(**{name: "scipy"})
+    assert not success
+    assert "read-only" in sentence
+
+
+def test_every_parameter_has_a_description_and_numbers_have_a_range(tripod: Any) -> None:
+    names = [
+        "robot",
+        "speed",
+        "mesh_rate",
+        "publish_clock",
+        "enforce_limits",
+        "young_modulus",
+        "snapshot_file",
+    ]
+    answer = tripod.client.call(
+        DescribeParameters, "simulator/describe_parameters", DescribeParameters.Request(names=names)
+    )
+    described = {entry.name: entry for entry in answer.descriptors}
+    assert all(entry.description for entry in described.values())
+    assert described["robot"].read_only
+    assert described["young_modulus"].floating_point_range[0].from_value == 1.0

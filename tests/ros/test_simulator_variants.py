@@ -1,0 +1,92 @@
+"""Simulators started with other parameters or scenes than the Tripod's own, in another process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+from softsim_ros.messages import diagnostic_values  # noqa: E402
+
+
+def test_a_scene_may_refuse_what_is_out_of_range(start_robot: Any, spin_until: Any) -> None:
+    robot = start_robot(out_of_range="refuse")
+    try:
+        states = robot.client.collect(JointState, "joint_states")
+        robot.command([-0.3, -0.3, -9.0])
+        assert robot.warns("command -9.0 for joint servo_2 refused: allowed is [-2.0225, -0.0255]")
+        assert set(states[-1].position) == {0.0}
+    finally:
+        assert robot.process.end() == 0
+
+
+def test_simulated_time_goes_to_clock_and_stamps_when_asked(start_robot: Any, spin_until: Any) -> None:
+    robot = start_robot(publish_clock=True, speed=2.0)
+    try:
+        clocks = robot.client.collect(Clock, "/clock")
+        assert spin_until(lambda: len(clocks) > 50)
+        times = np.array([clock.clock.sec + 1e-9 * clock.clock.nanosec for clock in clocks])
+        assert (np.diff(times) > 0.0).all()
+        np.testing.assert_allclose(times / 0.01, np.rint(times / 0.01), atol=1e-6)  # whole steps
+        states = robot.client.collect(JointState, "joint_states")
+        assert spin_until(lambda: states)
+        assert states[-1].header.stamp.sec < 1000  # not the wall clock
+    finally:
+        assert robot.process.end() == 0
+
+
+OVERLOADED = """
+from softsim_core.scene import Scene
+from softsim_core.scene.description import Controller
+from softsim_core.scene.parts import tripod
+
+def create_scene(scene: Scene) -> None:
+    scene.name = "tripod"
+    scene.add(tripod())
+    scene.add(Controller(on_begin=push))
+
+def push(simulation):
+    if simulation.step_count == 30:
+        simulation.forces[:] = 1.0e12
+"""
+
+
+def test_a_diverging_simulation_stops_at_its_last_good_state(
+    start_robot: Any, spin_until: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "overloaded.py"
+    file.write_text(OVERLOADED)
+    robot = start_robot(robot=str(file))
+    try:
+        reports = robot.client.collect(DiagnosticArray, "/diagnostics")
+        states = robot.client.collect(JointState, "joint_states")
+        assert robot.warns("diverged at step 31 (t = 0.310 s)")
+        assert robot.warns("paused at the last good state")
+
+        def stopped() -> bool:
+            return any(
+                report.status[0].level == DiagnosticStatus.ERROR
+                and diagnostic_values(report, "tripod/simulator").get("state") == "stopped"
+                for report in reports
+            )
+
+        assert spin_until(stopped)
+        states.clear()
+        assert spin_until(lambda: len(states) > 1)
+        assert np.isfinite([*states[-1].position, *states[-1].effort]).all()
+        success, sentence = robot.trigger("step")
+        assert not success
+        assert "diverged" in sentence
+        assert robot.trigger("reset")[0]
+        assert robot.trigger("step")[0]
+    finally:
+        assert robot.process.end() == 0
