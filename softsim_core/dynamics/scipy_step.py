@@ -18,7 +18,7 @@ from softsim_core.dynamics.assembly import (
     sparse_of_blocks,
 )
 from softsim_core.dynamics.stepper import Inputs, Parameters
-from softsim_core.fem.corotational import stiffness_blocks
+from softsim_core.fem.corotational import stiffness_blocks, stresses, von_mises
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -65,6 +65,13 @@ class ScipyStepper:
         }
         speeds = np.concatenate([state.velocities.ravel(), state.border_velocities])
         return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        model = self.model
+        rotated = rotated_gradients(model, state.positions)
+        corners = state.positions[model.elements.nodes]
+        return von_mises(stresses(corners, rotated, parameters.lame[model.element_body]))
 
     def system(self, state: State, inputs: Inputs, parameters: Parameters) -> tuple[sp.csc_matrix, Array]:
         """Matrix A and right-hand side b over free nodes, frames and joints (prescribed ones too).

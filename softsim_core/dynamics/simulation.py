@@ -16,7 +16,6 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.stepper import Inputs, Stepper
 from softsim_core.errors import CommandError, SceneError, SolverDivergedError, listing
-from softsim_core.fem.corotational import element_rotations, stresses, von_mises
 from softsim_core.fem.material import LinearMaterial
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
@@ -364,12 +363,9 @@ class Simulation:
 
     def von_mises(self) -> Array:
         """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
-        elements = self.model.elements
-        corners = self._state.positions[elements.nodes]
-        rotations = element_rotations(corners, elements.gradients, self.model.law)
-        rotated = elements.gradients @ np.swapaxes(rotations, 1, 2)
-        stress = von_mises(stresses(corners, rotated, self.parameters.lame[self.model.element_body]))
-        total = np.bincount(elements.nodes.ravel(), np.repeat(stress, 4), minlength=len(self.model.rest))
+        stress = self._stepper.von_mises(self._state, self.parameters)
+        nodes = self.model.elements.nodes.ravel()
+        total = np.bincount(nodes, np.repeat(stress, 4), minlength=len(self.model.rest))
         return np.asarray(total / self._elements_of_node)
 
     def frames(self) -> dict[str, Pose]:

@@ -66,6 +66,10 @@ class Stepper(Protocol):
         """
         ...
 
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """Von Mises stress of each element in [Pa], shape (m,); elements of one rigid zone have none."""
+        ...
+
 
 def joint_stiffness(model: Model) -> Array:
     """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.fast.compile import inlined, kernel
 from softsim_core.dynamics.fast.layout import Elements, Nodes, Work
 from softsim_core.dynamics.fast.rotation import nearest_rotation
@@ -147,3 +149,28 @@ def assemble_nodes(v: Array, h: float, rayleigh_mass: float, nodes: Nodes, work:
                     work.schur[nodes.border[z, p], k] += (
                         nodes.diagonal[node] * jacobian * work.jacobian[z, p, i]
                     )
+
+
+@kernel
+def von_mises_stress(
+    x: Array, polar: bool, elements: Elements, ids: IndexArray, moduli: Array, work: Work, result: Array
+) -> None:
+    """Von Mises stress in [Pa] of elements with the numbers `ids` (e,), into `result` (m,).
+
+    `moduli` (m, 2): Lame parameters in [Pa] by element number. work.ahead must hold x; work.forces is spoilt.
+    """
+    w = np.empty((3, 3))
+    for batch in range(len(elements.nodes)):
+        rotate_and_push(x, polar, elements, batch, work)
+        first = batch * LANES
+        for lane in range(min(LANES, len(ids) - first)):
+            for i in range(3):
+                for j in range(3):
+                    w[i, j] = 0.0
+                    for a in range(4):
+                        w[i, j] += x[elements.nodes[batch, a, lane], i] * work.rotated[4 * lane + a, j]
+            mu = moduli[ids[first + lane], 1]
+            e0, e1, e2 = w[0, 0], w[1, 1], w[2, 2]
+            normal = (e0 - e1) ** 2 + (e1 - e2) ** 2 + (e2 - e0) ** 2
+            shear = (w[0, 1] + w[1, 0]) ** 2 + (w[1, 2] + w[2, 1]) ** 2 + (w[0, 2] + w[2, 0]) ** 2
+            result[ids[first + lane]] = 2.0 * mu * sqrt(0.5 * normal + 0.75 * shear)

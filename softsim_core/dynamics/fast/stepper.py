@@ -12,7 +12,12 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.fast.compile import kernel
-from softsim_core.dynamics.fast.elements import assemble_free, assemble_mixed, assemble_nodes
+from softsim_core.dynamics.fast.elements import (
+    assemble_free,
+    assemble_mixed,
+    assemble_nodes,
+    von_mises_stress,
+)
 from softsim_core.dynamics.fast.factorisation import factor, solve_backward, solve_border
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
@@ -135,6 +140,16 @@ class NumbaStepper:
             "solve": 1e3 * (finished - factored),
         }
         return float(speed)
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        model, all_ = self.model, self._prepared
+        moduli = parameters.lame[model.element_body]
+        result = np.zeros(len(moduli))
+        all_.work.ahead[:] = state.positions
+        for elements, ids in ((all_.free, all_.free_ids), (all_.mixed, all_.mixed_ids)):
+            von_mises_stress(state.positions, self._polar, elements, ids, moduli, all_.work, result)
+        return result
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
         """Take over tunable parameters when they have changed."""
