@@ -1,0 +1,1 @@
+"""Speed of a simulation step, measured: what `softsim bench` runs. Nothing here prints."""

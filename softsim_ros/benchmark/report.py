@@ -1,0 +1,58 @@
+"""Records as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from softsim_ros.benchmark.records import Record
+
+HEAD = (
+    "scene",
+    "mesh",
+    "path",
+    "nodes",
+    "tets",
+    "min ms",
+    "median ms",
+    "splu min",
+    "ratio",
+    "target",
+    "verdict",
+)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}" if value < 10.0 else f"{value:.1f}"
+
+
+def _share(value: float) -> str:
+    """A ratio as people say it: 1/7.2 below one, 1.35 above."""
+    return f"1/{1.0 / value:.1f}" if 0.0 < value < 0.9 else f"{value:.2f}"
+
+
+def row(record: Record) -> tuple[str, ...]:
+    """One record as text, a cell for each column of HEAD."""
+    cells = (
+        record.scene,
+        record.mesh,
+        record.path,
+        str(record.nodes),
+        str(record.elements),
+        _number(record.min_ms),
+        _number(record.median_ms),
+        _number(record.splu_min_ms),
+    )
+    if record.ratio is None or record.limit is None:
+        return (*cells, "", "", "")
+    ratio, target = f"{_share(record.ratio)} {record.against}", f"<= {_share(record.limit)}"
+    return (*cells, ratio, target, "MISSED" if record.missed else "ok")
+
+
+def table(records: Iterable[Record]) -> list[str]:
+    """The records as lines of aligned columns, head first."""
+    rows = [HEAD, *(row(record) for record in records)]
+    widths = [max(len(cells[column]) for cells in rows) for column in range(len(HEAD))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
+        for cells in rows
+    ]

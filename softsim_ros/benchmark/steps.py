@@ -1,0 +1,149 @@
+"""Time of a whole step of our two paths, beside one SuperLU factorisation of the same step's matrix."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from importlib.util import find_spec
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import Unknowns
+from softsim_core.dynamics.scipy_step import ScipyStepper, factorised
+from softsim_core.dynamics.stepper import Inputs
+from softsim_ros.benchmark.cases import Case
+from softsim_ros.benchmark.records import Record
+from softsim_ros.benchmark.timing import Contender, take_turns
+
+STEPS_A_TURN = {"numba": 20, "scipy": 1}
+FACTORISATIONS_A_TURN = 2
+LEAD_IN_STEPS = {"numba": 60, "scipy": 30}
+"""Steps before the first timed one: the held body falls, the Tripod plays its start animation."""
+
+FALL_STEPS = 100
+"""The held body falls this many steps before it starts anew; after that it would come to rest."""
+
+COMMAND_SPREAD = 0.2
+"""Half the range in [rad] around the start pose from which the Tripod's joint commands are drawn."""
+
+Path = Literal["numba", "scipy"]
+
+
+def known_paths() -> list[Path]:
+    """Implementations of the step that can run here."""
+    return ["numba", "scipy"] if find_spec("numba") else ["scipy"]
+
+
+class MovingScene:
+    """A simulation kept in motion: the held body swings, the Tripod's joints follow random commands."""
+
+    def __init__(self, case: Case, path: Path) -> None:
+        with warnings.catch_warnings():  # slivers of a mesh are no news here
+            warnings.simplefilter("ignore", UserWarning)
+            self.simulation = Simulation(case.description, backend=path)
+        self._random = np.random.default_rng(1)
+        if case.description.start is not None:
+            self.simulation.start_animation()
+        for _ in range(LEAD_IN_STEPS[path]):
+            self.simulation.step()
+
+    def stir(self) -> None:
+        """Another joint command near the start pose; a body without joints falls anew now and then."""
+        start = self.simulation.scene.start
+        if start is None:
+            if self.simulation.step_count >= FALL_STEPS:
+                self.simulation.reset()
+            return
+        pose = np.array(self.simulation.scene.poses[start.pose])
+        self.simulation.command(pose + self._random.uniform(-COMMAND_SPREAD, COMMAND_SPREAD, len(pose)))
+
+
+def step_matrix(simulation: Simulation) -> sp.csc_matrix:
+    """Matrix of the next step over its unknowns: free nodes, frames and compliant joints, shape (d, d).
+
+    The rows and columns of prescribed joints are left out, as the step leaves them out.
+    """
+    model = simulation.model
+    state = model.rest_state()
+    state.positions[:] = simulation.positions
+    state.joint_positions[:] = simulation.joint_positions
+    state.base_shift[0] = simulation.base_shift
+    frames = simulation.frames()
+    for index, name in enumerate(model.frame_names):
+        state.frame_positions[index] = frames[name].position
+    inputs = Inputs(simulation.joint_targets, simulation.forces, simulation.base_shift)
+    matrix, _ = ScipyStepper(model).system(state, inputs, simulation.parameters)
+    solved = Unknowns(model).solved
+    return matrix[solved][:, solved].tocsc()
+
+
+class Factorisation:
+    """One SuperLU factorisation of a moving scene's matrix: minimum degree on A + A^T, symmetric mode."""
+
+    def __init__(self, scene: MovingScene) -> None:
+        self._simulation = scene.simulation
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Take the matrix of the state that the simulation is in now."""
+        self._matrix = step_matrix(self._simulation)
+
+    def run(self) -> None:
+        """Factor it."""
+        factorised(self._matrix)
+
+
+def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[Record]:
+    """Measure the cases of one mesh on the given paths, all in turns.
+
+    Args:
+        cases: Scenes on one mesh.
+        paths: Implementations of the step.
+        rounds: Turns of each.
+
+    Returns:
+        One record a case and path, not judged yet.
+    """
+    contenders: list[Contender] = []
+    sizes: dict[str, tuple[int, int]] = {}
+    for case in cases:
+        for path in paths:
+            scene = MovingScene(case, path)
+            contenders.append(
+                Contender(f"{case.scene} {path}", scene.simulation.step, STEPS_A_TURN[path], scene.stir)
+            )
+            if path == paths[0]:
+                splu = Factorisation(scene)
+                contenders.append(
+                    Contender(f"{case.scene} splu", splu.run, FACTORISATIONS_A_TURN, splu.prepare)
+                )
+                sizes[case.scene] = (len(scene.simulation.positions), len(scene.simulation.tets))
+    times = take_turns(contenders, rounds)
+    return [
+        _record(case, path, sizes[case.scene], times[f"{case.scene} {path}"], times[f"{case.scene} splu"])
+        for case in cases
+        for path in paths
+    ]
+
+
+def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Array) -> Record:
+    return Record(
+        scene=case.scene,
+        mesh=case.mesh,
+        path=path,
+        nodes=size[0],
+        elements=size[1],
+        min_ms=float(step.min()),
+        median_ms=float(np.median(step)),
+        splu_min_ms=float(splu.min()),
+        extras={
+            "splu_median_ms": float(np.median(splu)),
+            "rotation": case.description.solver.rotation,
+            "dt_s": case.description.dt,
+            "samples": len(step),
+        },
+    )

@@ -1,0 +1,73 @@
+"""Times of things that are compared, taken in turns: a slow moment of the machine hits all of them."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from softsim_core.arrays import Array
+
+
+def nothing() -> None:
+    """Prepare nothing."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """Something whose time is taken.
+
+    Attributes:
+        name: Key of its times in the result.
+        call: What is timed, once a sample.
+        calls: Samples a turn.
+        prepare: Done before each turn, not timed.
+    """
+
+    name: str
+    call: Callable[[], object]
+    calls: int = 1
+    prepare: Callable[[], object] = nothing
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """The garbage collector runs on entry and then not before exit."""
+    gc.collect()
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def take_turns(contenders: Sequence[Contender], rounds: int) -> dict[str, Array]:
+    """Time every contender in every round; each round begins with another one.
+
+    Args:
+        contenders: Unique names.
+        rounds: Turns of each contender, >= 1.
+
+    Returns:
+        Times in [ms] by name, shape (rounds * calls,).
+    """
+    times = {each.name: np.empty(rounds * each.calls) for each in contenders}
+    for contender in contenders:  # compiles, fills caches
+        contender.prepare()
+        contender.call()
+    with no_garbage_collection():
+        for turn in range(rounds):
+            for offset in range(len(contenders)):
+                contender = contenders[(turn + offset) % len(contenders)]
+                contender.prepare()
+                for sample in range(contender.calls):
+                    started = perf_counter()
+                    contender.call()
+                    times[contender.name][turn * contender.calls + sample] = 1e3 * (perf_counter() - started)
+    return times
