@@ -1,0 +1,154 @@
+"""ros2_ws builds with colcon in both modes, and what it installs runs from any working directory."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGES = {"softsim_core", "softsim_ros", "servo_bridge", "softsim_bringup"}
+EXECUTABLES = {
+    "softsim_ros": {"simulator", "teleop", "softsim"},
+    "servo_bridge": {"servo_bridge", "virtual_board"},
+}
+
+pytestmark = [pytest.mark.slow, pytest.mark.ros]
+
+
+@pytest.fixture(scope="module", params=["copied", "symlinked"])
+def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A built copy of ros2_ws, beside copies of the packages its links lead to."""
+    pytest.importorskip("rclpy")
+    if shutil.which("colcon", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}") is None:
+        pytest.skip("colcon is not installed (pip install 'softsim[colcon]')")
+    checkout = tmp_path_factory.mktemp(request.param)
+    for name in ("ros2_ws", "softsim_core", "softsim_ros", "servo_bridge", "configs"):
+        skipped = shutil.ignore_patterns("__pycache__", "build", "install", "log")
+        shutil.copytree(REPOSITORY / name, checkout / name, symlinks=True, ignore=skipped)
+    mode = ["--symlink-install"] if request.param == "symlinked" else []
+    done = subprocess.run(
+        [sys.executable, "-m", "colcon", "build", *mode],
+        cwd=checkout / "ros2_ws",
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "4 packages finished" in done.stdout
+    return checkout / "ros2_ws"
+
+
+def in_workspace(workspace: Path, *words: str | Path) -> list[str]:
+    """The command line that runs a program with the workspace sourced."""
+    line = " ".join(shlex.quote(str(word)) for word in words)
+    return ["bash", "-c", f". {shlex.quote(str(workspace / 'install' / 'setup.bash'))} && exec {line}"]
+
+
+def plain_environment(folder: Path) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return kept | {"ROS_LOG_DIR": str(folder), "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def test_every_package_and_executable_is_installed(workspace: Path) -> None:
+    install = workspace / "install"
+    for package in PACKAGES:
+        index = install / package / "share" / "ament_index" / "resource_index" / "packages" / package
+        assert index.exists()
+        assert (install / package / "share" / package / "package.xml").exists()
+    for package, names in EXECUTABLES.items():
+        assert names <= {file.name for file in (install / package / "lib" / package).iterdir()}
+    share = install / "softsim_bringup" / "share" / "softsim_bringup"
+    for file in ("launch/tripod.launch.py", "rviz/softsim.rviz", "configs/robots/tripod.yaml"):
+        assert (share / file).is_file()
+
+
+def test_configs_are_found_from_elsewhere(workspace: Path, tmp_path: Path) -> None:
+    program = workspace / "install" / "softsim_ros" / "lib" / "softsim_ros" / "softsim"
+    done = subprocess.run(
+        in_workspace(workspace, program, "scenes", "--paths"),
+        cwd=tmp_path,
+        env=plain_environment(tmp_path),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"  tripod  {workspace.parent}" in done.stdout
+    assert str(REPOSITORY) not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "arguments", "says"),
+    [
+        ("softsim_ros", "simulator", (), "simulating tripod"),
+        ("servo_bridge", "virtual_board", (), "virtual board on /dev/pts/"),
+        (
+            "servo_bridge",
+            "servo_bridge",
+            ("--ros-args", "-p", "autostart:=configure", "-p", "port:=/dev/no_such_port"),
+            "/dev/no_such_port",
+        ),
+    ],
+)
+def test_nodes_run_from_elsewhere_and_end_in_order(
+    workspace: Path,
+    tmp_path: Path,
+    ros_domain: int,
+    package: str,
+    name: str,
+    arguments: tuple[str, ...],
+    says: str,
+) -> None:
+    output = tmp_path / "output"
+    program = workspace / "install" / package / "lib" / package / name
+    with output.open("wb") as stream:
+        process = subprocess.Popen(
+            in_workspace(workspace, program, *arguments),
+            cwd=tmp_path,
+            env=plain_environment(tmp_path),
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    try:
+        end = time.monotonic() + 120  # a fresh copy compiles its kernels
+        while says not in output.read_text() and process.poll() is None and time.monotonic() < end:
+            threading.Event().wait(0.05)
+        assert says in output.read_text(), output.read_text()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0, output.read_text()
+        assert "Traceback" not in output.read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def test_the_teleop_refuses_without_a_terminal(workspace: Path, tmp_path: Path, ros_domain: int) -> None:
+    done = subprocess.run(
+        in_workspace(workspace, workspace / "install" / "softsim_ros" / "lib" / "softsim_ros" / "teleop"),
+        cwd=tmp_path,
+        env=plain_environment(tmp_path),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        start_new_session=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "needs a terminal" in done.stderr
+    assert "Traceback" not in done.stderr
