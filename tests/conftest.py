@@ -23,6 +23,14 @@ def reference_dir() -> Path:
     return folder
 
 
+@pytest.fixture(params=[pytest.param("numba", marks=pytest.mark.numba), "scipy"])
+def backend(request: pytest.FixtureRequest) -> str:
+    """Both implementations of the time step, one after the other."""
+    if request.param == "numba":
+        pytest.importorskip("numba")
+    return str(request.param)
+
+
 @pytest.fixture
 def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses now, in the environment of this test."""
