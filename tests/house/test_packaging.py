@@ -19,7 +19,7 @@ ROSDEP = {
     "numpy": "python3-numpy", "scipy": "python3-scipy", "numba": "python3-numba", "meshio": "python3-meshio",
     "yaml": "python3-yaml", "serial": "python3-serial",
 }  # fmt: skip
-WITHOUT_KEY = {"cattrs", "rich"}  # rosdep has no key for these; the package.xml say what to install
+WITHOUT_KEY = {"cattrs"}  # rosdep has no key for it; the package.xml says what to install
 
 
 def imports(package: str) -> set[str]:
@@ -89,7 +89,7 @@ def test_package_xml_names_what_the_code_imports(package: str) -> None:
     assert {ROSDEP.get(name, name) for name in used} - declared == set()
 
 
-# The launch file: `launch` is not on PyPI. These stand in for it with the keywords its documentation gives, and only record.
+# `launch` is not on PyPI: these stand in for it with the keywords its documentation gives, and only record.
 
 DOCUMENTED = {
     "launch": {"LaunchDescription": {"initial_entities"}},

@@ -20,7 +20,6 @@ PACKAGES = {  # import name -> distribution; all are needed but Numba
     "cattrs": "cattrs",
     "yaml": "PyYAML",
     "serial": "pyserial",
-    "rich": "rich",
 }
 OLDEST, NEWEST = (3, 10), (3, 13)
 
