@@ -55,8 +55,8 @@ def test_a_paused_simulation_steps_one_at_a_time(paused: Any, spin_until: Any) -
     paused.command([-1.0] * 3)
     for _ in range(3):
         assert paused.trigger("step")[0]
-    assert spin_until(lambda: states and abs(states[-1].position[0]) > 0.034)
-    assert math.isclose(states[-1].position[0] % 0.035, 0.0, abs_tol=1e-9) or states[-1].position[0] < 0.0
+    at_top_speed = -3 * 0.01 * 3.5  # three steps at 3.5 rad/s
+    assert spin_until(lambda: states and math.isclose(states[-1].position[0], at_top_speed, abs_tol=1e-9))
 
 
 def test_a_running_simulation_refuses_to_step(tripod: Any) -> None:
