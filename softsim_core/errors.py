@@ -1,4 +1,4 @@
-"""Every error of the suite: typed, with its data, one sentence that says what is wrong, where, and what is allowed."""
+"""Every error of the suite: typed, with its data, one sentence: what is wrong, where, what is allowed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class MeshError(SoftSimError, ValueError):
 
 
 class MaterialError(SoftSimError, ValueError):
-    """A material parameter lies outside its interval; carries the parameter's name, value and what is allowed."""
+    """A material parameter lies outside its interval; carries its name, value and what is allowed."""
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         self.name, self.value, self.allowed = name, value, allowed
@@ -69,6 +69,6 @@ class NotConvergedError(SoftSimError, RuntimeError):
         self.reason, self.fraction, self.iterations, self.residual = reason, fraction, iterations, residual
         super().__init__(
             f"no static equilibrium found: {reason} at {100.0 * fraction:.3g} % of the load, after "
-            f"{iterations} iterations, residual {residual:.3g} N; start from a nearer state, change the load, "
-            "or let the dynamics settle"
+            f"{iterations} iterations, residual {residual:.3g} N; start from a nearer state, change the "
+            "load, or let the dynamics settle"
         )

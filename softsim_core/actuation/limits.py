@@ -1,4 +1,4 @@
-"""Joint limits (position and speed) and the check of a joint command: the one place where they are defined."""
+"""Joint limits (position and speed) and the check of a joint command: defined here and nowhere else."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class JointLimits:
         return min(max(position, self.lower), self.upper)
 
     def towards(self, current: float, target: float, dt: float) -> float:
-        """Position after moving from `current` towards the clamped `target` for `dt` seconds at most at top speed."""
+        """Position after moving from `current` towards the clamped `target` for `dt` seconds."""
         reach = self.speed * dt
         return min(max(self.clamp(target), current - reach), current + reach)
 
@@ -57,21 +57,12 @@ def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]
     """
     if len(values) != len(joints):
         raise CommandError(
-            f"command of {len(values)} values refused: expected {len(joints)} ({listing(joints)}); nothing was moved"
+            f"command of {len(values)} values refused: expected {len(joints)} ({listing(joints)}); "
+            "nothing was moved"
         )
     for joint, value in zip(joints, values, strict=True):
         if not math.isfinite(value):
-            raise CommandError(f"command {value} for joint {joint} refused: expected a finite number; nothing was moved")
+            raise CommandError(
+                f"command {value} for joint {joint} refused: expected a finite number; nothing was moved"
+            )
     return [float(value) for value in values]
-
-
-def named_command(command: dict[str, float], current: Sequence[float], joints: Sequence[str]) -> list[float]:
-    """A full command from some named joint positions; the other joints keep `current`.
-
-    Raises:
-        CommandError: a name is not a joint, or a value is not finite.
-    """
-    unknown = [name for name in command if name not in joints]
-    if unknown:
-        raise CommandError(f"unknown joint {listing(unknown)}; known joints: {listing(joints)}; nothing was moved")
-    return check_command([command.get(joint, now) for joint, now in zip(joints, current, strict=True)], joints)

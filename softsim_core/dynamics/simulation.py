@@ -10,23 +10,21 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.actuation.animation import factor_at, is_over
-from softsim_core.actuation.limits import check_command
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.drive import JointDrive
 from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.stepper import Inputs, Stepper
-from softsim_core.errors import CommandError, SceneError, SolverDivergedError, listing
+from softsim_core.errors import SceneError, SolverDivergedError, listing
 from softsim_core.fem.material import LinearMaterial
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.state import pack, unpack
+from softsim_core.mesh.follower import SurfaceFollower
 from softsim_core.scene.builder import build
 from softsim_core.scene.description import Backend, SceneDescription
 
 RUNAWAY_SPEED = 1.0e4
 """A node faster than this, in [m/s], has run away."""
-
-_IDLE = -1.0
 
 
 class Simulation:
@@ -44,20 +42,19 @@ class Simulation:
         self.scene = scene
         built = build(scene)
         self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
-        self._first_lame = self.parameters.lame.copy()
         self._stepper = make_stepper(self.model, backend or scene.solver.backend)
         self._state = self.model.rest_state()
         self._last_good = self.model.rest_state()
-        self._targets = self._state.joint_positions.copy()
-        self._drive = self._state.joint_positions.copy()
-        self._clock = np.array([0.0, _IDLE])  # steps done, time at which the start animation began
+        self._drive = JointDrive(scene)
         self.forces = np.zeros_like(self.model.rest)
-        self.enforce_limits = scene.commands.enforce_limits
-        self._base_shift = 0.0
+        self._steps = 0
         self._step_time = 0.0
         self._header = hashlib.sha256(repr(self._fingerprint()).encode()).digest()
-        self._place_surface()
-        self._begin()
+        self._surface = SurfaceFollower(
+            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies]
+        )
+        count = np.bincount(self.model.elements.nodes.ravel(), minlength=len(self.model.rest))
+        self._elements_of_node = np.maximum(count, 1)
 
     # --- time ---
 
@@ -69,7 +66,7 @@ class Simulation:
     @property
     def step_count(self) -> int:
         """Steps since the start."""
-        return int(self._clock[0])
+        return self._steps
 
     @property
     def time(self) -> float:
@@ -97,18 +94,13 @@ class Simulation:
         for controller in self.scene.controllers:
             if controller.on_begin is not None:
                 controller.on_begin(self)
-        self._play_start()
-        if self.enforce_limits:
-            reach = self._speed_limits * self.dt
-            self._drive = np.clip(self._targets, self._drive - reach, self._drive + reach)
-        else:
-            self._drive = self._targets.copy()
+        self._drive.advance(self.time, self.dt)
         self._last_good.copy_from(self._state)
-        inputs = Inputs(self._drive, self.forces, self._base_shift)
+        inputs = Inputs(self._drive.positions, self.forces, self._drive.base_shift)
         speed = self._stepper.step(self._state, inputs, self.parameters)
         if not speed < RUNAWAY_SPEED:  # also catches NaN
             self._refuse_step()
-        self._clock[0] += 1.0
+        self._steps += 1
         self._step_time = 1e3 * (perf_counter() - started)
         for controller in self.scene.controllers:
             if controller.on_end is not None:
@@ -119,7 +111,7 @@ class Simulation:
         speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
         worst = int(np.argmax(speed))
         self._state.copy_from(self._last_good)
-        self._drive = self._state.joint_positions.copy()
+        self._drive.positions = self._state.joint_positions.copy()
         raise SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
 
     # --- commands ---
@@ -147,7 +139,16 @@ class Simulation:
     @property
     def joint_targets(self) -> Array:
         """The last accepted command, after clamping, in [rad] or [m], shape (j,)."""
-        return self._targets.copy()
+        return self._drive.targets.copy()
+
+    @property
+    def enforce_limits(self) -> bool:
+        """Whether joint limits (position and speed) hold; False allows full turns."""
+        return self._drive.enforce_limits
+
+    @enforce_limits.setter
+    def enforce_limits(self, enforce: bool) -> None:
+        self._drive.enforce_limits = enforce
 
     def command(self, values: Sequence[float] | Array) -> Array:
         """Set where the joints go; a running start animation ends.
@@ -162,19 +163,8 @@ class Simulation:
             CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is
             changed.
         """
-        checked = check_command(list(values), self.joint_names)
-        if self.enforce_limits:
-            for index, joint in enumerate(self.scene.joints):
-                allowed = joint.limits.clamp(checked[index])
-                if allowed != checked[index] and self.scene.commands.out_of_range == "refuse":
-                    raise CommandError(
-                        f"command {checked[index]} for joint {joint.name} refused: allowed is "
-                        f"[{joint.limits.lower}, {joint.limits.upper}]; nothing was moved"
-                    )
-                checked[index] = allowed
-        self._targets = np.array(checked)
-        self._clock[1] = _IDLE
-        return self._targets.copy()
+        self._drive.command(list(values))
+        return self.joint_targets
 
     @property
     def base_shift(self) -> float:
@@ -183,9 +173,7 @@ class Simulation:
 
     @base_shift.setter
     def base_shift(self, shift: float) -> None:
-        if not math.isfinite(shift):
-            raise CommandError(f"base_shift {shift} refused: expected a finite number of metres")
-        self._base_shift = float(shift)
+        self._drive.shift_bases(shift)
 
     def start_animation(self) -> None:
         """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.
@@ -193,22 +181,7 @@ class Simulation:
         Raises:
             SceneError: the scene has none.
         """
-        if self.scene.start is None:
-            raise SceneError(f"scene {self.scene.name} has no start animation (key `start` of its file)")
-        self._clock[1] = self.time
-
-    def _play_start(self) -> None:
-        start = self.scene.start
-        if start is None or self._clock[1] == _IDLE:
-            return
-        elapsed = self.time - self._clock[1]
-        factor = factor_at(elapsed, start.duration)
-        rest = np.array([joint.rest for joint in self.scene.joints])
-        self._targets = rest + factor * (np.array(self.scene.poses[start.pose]) - rest)
-        self._drive = self._targets.copy()  # the animation is not slowed by the speed limit
-        self._base_shift = factor * start.base_shift
-        if is_over(elapsed, start.duration):
-            self._clock[1] = _IDLE
+        self._drive.start(self.time)
 
     def press_key(self, key: str) -> None:
         """Hand a key to the scene's own controllers."""
@@ -270,41 +243,27 @@ class Simulation:
         Raises:
             SnapshotError: not a snapshot of this scene; nothing is changed.
         """
-        saved = self._saved()
-        state, targets, drive, clock, forces, lame, rest = unpack(
-            data, self._header, [array.shape for array in saved]
-        )
+        shapes = [array.shape for array in self._saved()]
+        state, forces, lame, numbers, *drive = unpack(data, self._header, shapes)
         self._state.buffer[:] = state
-        self._targets, self._drive, self._clock = targets, drive, clock
         self.forces[:] = forces
         self.parameters.lame = lame
-        self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass, self._base_shift, limits = (
-            rest.tolist()
-        )
-        self.enforce_limits = bool(limits)
+        self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass = numbers[1:].tolist()
+        self._steps = int(numbers[0])
+        self._drive.restore(*drive)
 
     def reset(self) -> None:
         """Back to the start of the scene, with the parameters as they are tuned now."""
         self._state.copy_from(self.model.rest_state())
-        self._targets = self._state.joint_positions.copy()
-        self._drive = self._state.joint_positions.copy()
-        self._base_shift = 0.0
-        self._clock = np.array([0.0, _IDLE])
+        self._drive.reset()
+        self._steps = 0
         self.forces[:] = 0.0
-        self._begin()
-
-    def _begin(self) -> None:
-        if self.scene.start is not None and self.scene.start.at_start:
-            self.start_animation()
 
     def _saved(self) -> list[Array]:
         """Everything a snapshot holds, in order."""
         parameters = self.parameters
-        damping = (parameters.rayleigh_stiffness, parameters.rayleigh_mass)
-        rest = np.array([*damping, self._base_shift, float(self.enforce_limits)])
-        return [
-            self._state.buffer, self._targets, self._drive, self._clock, self.forces, parameters.lame, rest,
-        ]  # fmt: skip
+        numbers = np.array([self._steps, parameters.rayleigh_stiffness, parameters.rayleigh_mass])
+        return [self._state.buffer, self.forces, parameters.lame, numbers, *self._drive.state()]
 
     def _fingerprint(self) -> tuple[object, ...]:
         model = self.model
@@ -335,31 +294,21 @@ class Simulation:
 
     def visual_points(self) -> Array:
         """Vertices of the visual surfaces of all bodies now, in [m], shape (p, 3)."""
-        return self._on_surface(self._state.positions)
+        return self._surface.follow(self._state.positions)
 
     def visual_values(self, node_values: Array) -> Array:
         """Nodal values (n,) carried over to the vertices of the visual surfaces, shape (p,)."""
-        return self._on_surface(node_values)
+        return self._surface.follow(node_values)
 
-    def _on_surface(self, nodal: Array) -> Array:
-        corners = nodal[self._visual_tets]
-        return np.asarray(np.einsum("pa...,pa->p...", corners, self._visual_weights))
+    @property
+    def visual_triangles(self) -> IndexArray:
+        """Triangles of the visual surfaces of all bodies, as indices into `visual_points`, shape (q, 3)."""
+        return self._surface.triangles
 
-    def _place_surface(self) -> None:
-        tets, weights, triangles, points, start = [], [], [], [], 0
-        for body in self.bodies:
-            tets.append(body.embedding.nodes + body.nodes.start)
-            weights.append(body.embedding.weights)
-            triangles.append(body.surface.triangles + start)
-            points.append(body.surface.points)
-            start += len(body.surface.points)
-        self._visual_tets = np.concatenate([np.zeros((0, 4), np.int64), *tets])
-        self._visual_weights = np.concatenate([np.zeros((0, 4)), *weights])
-        self.visual_triangles = np.concatenate([np.zeros((0, 3), np.int64), *triangles])
-        self.visual_rest_points = np.concatenate([np.zeros((0, 3)), *points])
-        self._speed_limits = np.array([joint.limits.speed for joint in self.scene.joints], dtype=float)
-        count = np.bincount(self.model.elements.nodes.ravel(), minlength=len(self.model.rest))
-        self._elements_of_node = np.maximum(count, 1)
+    @property
+    def visual_rest_points(self) -> Array:
+        """Vertices of the visual surfaces at rest, in [m], shape (p, 3)."""
+        return self._surface.rest_points
 
     def von_mises(self) -> Array:
         """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""

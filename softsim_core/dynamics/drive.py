@@ -1,0 +1,114 @@
+"""The joints' drive: from accepted commands to where each joint is told to be at the end of every step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from softsim_core.actuation.animation import factor_at, is_over
+from softsim_core.actuation.limits import check_command
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError, SceneError
+from softsim_core.scene.description import SceneDescription
+
+_IDLE = -1.0
+
+
+class JointDrive:
+    """Commands, limits and the start animation of a scene's joints.
+
+    Attributes:
+        targets: The last accepted command in [rad] or [m], shape (j,).
+        positions: Where the joints are told to be now, on their way to the targets, shape (j,).
+        base_shift: Shift in [m] of the joint bases along their slide axes.
+        enforce_limits: Whether position and speed limits hold.
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._scene = scene
+        self._rest = np.array([joint.rest for joint in scene.joints], dtype=float)
+        self._speed = np.array([joint.limits.speed for joint in scene.joints], dtype=float)
+        self.enforce_limits = scene.commands.enforce_limits
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the rest positions; the start animation begins anew where the scene says so."""
+        self.targets: Array = self._rest.copy()
+        self.positions: Array = self._rest.copy()
+        self.base_shift = 0.0
+        self._started = _IDLE
+        if self._scene.start is not None and self._scene.start.at_start:
+            self._started = 0.0
+
+    def command(self, values: Sequence[float]) -> None:
+        """Set where the joints go; a running start animation ends.
+
+        Raises:
+            CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing changes.
+        """
+        accepted = check_command(values, self._scene.joint_names)
+        if self.enforce_limits:
+            for index, joint in enumerate(self._scene.joints):
+                allowed = joint.limits.clamp(accepted[index])
+                if allowed != accepted[index] and self._scene.commands.out_of_range == "refuse":
+                    raise CommandError(
+                        f"command {accepted[index]} for joint {joint.name} refused: allowed is "
+                        f"[{joint.limits.lower}, {joint.limits.upper}]; nothing was moved"
+                    )
+                accepted[index] = allowed
+        self.targets = np.array(accepted, dtype=float)
+        self._started = _IDLE
+
+    def start(self, time: float) -> None:
+        """Begin the robot's start animation at `time` [s], from the rest pose, whatever the pose is now.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+        if self._scene.start is None:
+            raise SceneError(f"scene {self._scene.name} has no start animation (key `start` of its file)")
+        self._started = time
+
+    def advance(self, time: float, dt: float) -> None:
+        """Move `positions` on for the step of `dt` that begins at `time`, both in [s].
+
+        The start animation is absolute and is not slowed by the speed limits.
+        """
+        start = self._scene.start
+        if start is not None and self._started != _IDLE:
+            elapsed = time - self._started
+            factor = factor_at(elapsed, start.duration)
+            pose = np.array(self._scene.poses[start.pose])
+            self.targets = self._rest + factor * (pose - self._rest)
+            self.positions = self.targets.copy()
+            self.base_shift = factor * start.base_shift
+            if is_over(elapsed, start.duration):
+                self._started = _IDLE
+        elif self.enforce_limits:
+            reach = self._speed * dt
+            self.positions = np.clip(self.targets, self.positions - reach, self.positions + reach)
+        else:
+            self.positions = self.targets.copy()
+
+    def shift_bases(self, shift: float) -> None:
+        """Place the joint bases `shift` [m] along their slide axes.
+
+        Raises:
+            CommandError: not a finite number.
+        """
+        if not math.isfinite(shift):
+            raise CommandError(f"base_shift {shift} refused: expected a finite number of metres")
+        self.base_shift = float(shift)
+
+    def state(self) -> list[Array]:
+        """Everything a snapshot needs."""
+        flags = np.array([self._started, self.base_shift, float(self.enforce_limits)])
+        return [self.targets, self.positions, flags]
+
+    def restore(self, targets: Array, positions: Array, flags: Array) -> None:
+        """Take back what `state` gave."""
+        self.targets, self.positions = targets.copy(), positions.copy()
+        self._started, self.base_shift = float(flags[0]), float(flags[1])
+        self.enforce_limits = bool(flags[2])
