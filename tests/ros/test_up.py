@@ -1,4 +1,4 @@
-"""`softsim up` as a person runs it: keys in a terminal, bytes at the far end of the serial line, clean ends."""
+"""`softsim up` as a person runs it: keys in a terminal, bytes at the far end of the line, clean ends."""
 
 from __future__ import annotations
 
