@@ -104,3 +104,17 @@ def test_the_mesh_rate_is_kept_and_zero_stops_it(tripod: Any, spin_until: Any) -
     assert spin_until(lambda: len(states) >= 30)
     assert len(points) <= 1  # one may have been on its way
     assert tripod.set_parameters(mesh_rate=30.0)[0]
+
+
+def test_transforms_lead_from_the_world_to_every_horn(tripod: Any, spin_until: Any) -> None:
+    message_type = pytest.importorskip("tf2_msgs.msg").TFMessage
+    fixed = tripod.client.collect(message_type, "/tf_static", LATCHED)
+    moving = tripod.client.collect(message_type, "/tf")
+    assert spin_until(lambda: fixed and moving)
+    links = {
+        (link.header.frame_id, link.child_frame_id)
+        for message in (fixed[0], moving[-1])
+        for link in message.transforms
+    }
+    assert {("world", "tripod_base"), ("tripod_base", "tripod_effector")} <= links
+    assert {("tripod_base", f"servo_{i}_horn") for i in range(3)} <= links
