@@ -35,7 +35,7 @@ Snapshot = tuple[Model, Parameters, State, Array]
 
 @pytest.fixture(scope="module")
 def snapshot(reference_dir: Path) -> Snapshot:
-    """Model with held arms, parameters, a state with the arms in place and the rest undeformed, the answer."""
+    """Model with held arms, parameters, a state with the arms in place and the rest undeformed, answer."""
     folder = reference_dir / "data"
     fixture = json.loads((folder / "fixtures" / "tripodDeformed_fixture.json").read_text())
     material = fixture["material"]

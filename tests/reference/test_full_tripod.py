@@ -1,4 +1,4 @@
-"""The whole Tripod with compliant servos against the reference simulator, and against an independent computation."""
+"""The whole Tripod with compliant servos against the reference simulator and an independent computation."""
 
 from __future__ import annotations
 
