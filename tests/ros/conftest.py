@@ -186,7 +186,8 @@ def start_process(
 ) -> Iterator[Callable[..., NodeProcess]]:
     """Starts a module with command line arguments; what still runs at the end is ended and checked."""
     folder = tmp_path_factory.mktemp("processes")
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"}
+    path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
     processes: list[NodeProcess] = []
 
     def start(module: str, *arguments: str) -> NodeProcess:
