@@ -364,10 +364,12 @@ class ServoBridge(GuardedLifecycleNode):
 def main(args: list[str] | None = None) -> int:
     """Run the bridge until Ctrl-C or SIGTERM; the servos end in the safe pose.
 
+    Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
+
     Returns:
         Exit code: 0 after a normal end, 2 for a parameter that cannot be used.
     """
-    return run_node(ServoBridge, args)
+    return run_node(lambda: ServoBridge(namespace=parameters.robot_namespace()), args)
 
 
 if __name__ == "__main__":

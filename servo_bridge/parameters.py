@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from servo_bridge.safety import MotionSettings
-from softsim_core.errors import ConfigError, listing
+from softsim_core.errors import ConfigError, SoftSimError, listing
 
 Source = Literal["joint_states", "commands"]
 Autostart = Literal["none", "configure", "activate"]
@@ -32,6 +32,22 @@ class BridgeSettings:
     avoid_byte_100: bool
     settle_timeout: float
     motion: MotionSettings
+
+
+def robot_namespace() -> str:
+    """Namespace for the robot of the command line; empty where it is unknown (configure says why)."""
+    node = Node("servo_bridge", start_parameter_services=False, enable_rosout=False)
+    try:
+        declare(node)
+        name = str(node.get_parameter("robot").value)
+    finally:
+        node.destroy_node()
+    from softsim_core.scene import load_scene  # costs imports: only when needed
+
+    try:
+        return load_scene(name).name
+    except SoftSimError:
+        return ""
 
 
 def declare(node: Node) -> None:

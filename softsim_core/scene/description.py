@@ -6,6 +6,7 @@ Angles of placements are in degrees in fields named `*_deg` (people write them);
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -378,6 +379,9 @@ class SceneDescription:
     source: Path | None = None
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", self.name):
+            allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
+            raise FieldError("scene", "name", repr(self.name), allowed)
         _need_positive(f"scene {self.name}", "dt", self.dt, "s")
         _need_finite(f"scene {self.name}", "gravity", self.gravity)
         for kind, names in (

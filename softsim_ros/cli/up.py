@@ -38,10 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_core.scene import load_scene
     from softsim_ros.cli.one_at_a_time import only_one
     from softsim_ros.cli.station import BoardChoice, run_station
-    from softsim_ros.simulator.simulator_node import ros_name
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
-    namespace = (arguments.namespace or ros_name(scene.name)).strip("/")
+    namespace = (arguments.namespace or scene.name).strip("/")
     board = BoardChoice(
         present=not arguments.no_bridge and scene.board is not None,
         virtual=arguments.board == VIRTUAL,

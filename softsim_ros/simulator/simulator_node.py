@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -64,7 +63,7 @@ class Simulator(ClosableNode):
         if robot is None:
             robot = _robot_parameter(context, parameter_overrides)
         scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
-        self.robot = ros_name(scene.name)
+        self.robot = scene.name
         super().__init__(
             NODE_NAME,
             context=context,
@@ -260,12 +259,6 @@ class Simulator(ClosableNode):
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
-
-
-def ros_name(name: str) -> str:
-    """A scene's name as a ROS namespace: letters, digits and underscores, not beginning with a digit."""
-    cleaned = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return f"_{cleaned}" if not cleaned or cleaned[0].isdigit() else cleaned
 
 
 def _attempt(action: Callable[[], str]) -> tuple[bool, str]:

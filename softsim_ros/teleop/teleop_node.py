@@ -24,7 +24,6 @@ from softsim_core.errors import SoftSimError
 from softsim_core.scene import SceneDescription, load_scene
 from softsim_core.scene.description import Action
 from softsim_ros.environment import prepare_environment
-from softsim_ros.names import ros_name
 from softsim_ros.runtime import ClosableNode, complain, declare_number, declare_text
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
@@ -69,7 +68,7 @@ class Teleop(ClosableNode):
     """
 
     def __init__(self, robot: SceneDescription, **node_options: Any) -> None:
-        super().__init__("teleop", **{"namespace": ros_name(robot.name), **node_options})
+        super().__init__("teleop", **{"namespace": robot.name, **node_options})
         declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
         declare_number(
             self,
