@@ -379,7 +379,7 @@ class SceneDescription:
     source: Path | None = None
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", self.name):
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", str(self.name)):
             allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
             raise FieldError("scene", "name", repr(self.name), allowed)
         _need_positive(f"scene {self.name}", "dt", self.dt, "s")
