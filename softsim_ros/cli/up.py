@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 
 VIRTUAL = "virtual"
@@ -41,6 +42,15 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
     namespace = (arguments.namespace or scene.name).strip("/")
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII):
+        print(
+            f"softsim up: {namespace!r} cannot be a namespace; use letters, digits and underscores, not beginning "
+            "with a digit, such as tripod_2",
+            file=sys.stderr,
+        )
+        return 2
+    if scene.board is None and not arguments.no_bridge:
+        print(f"{scene.name} has no section board: simulating only, without a servo bridge")
     board = BoardChoice(
         present=not arguments.no_bridge and scene.board is not None,
         virtual=arguments.board == VIRTUAL,

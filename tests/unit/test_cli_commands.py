@@ -90,6 +90,12 @@ def test_the_suite_passes_its_arguments_to_pytest(tmp_path: Path) -> None:
     assert str(suite.LIMIT_S[True]) in words
 
 
+def test_a_namespace_that_ros_does_not_take(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rclpy")
+    assert main(["up", "tripod", "--namespace", "my robot"]) == 2
+    assert "'my robot' cannot be a namespace" in capsys.readouterr().err
+
+
 def test_a_broken_robot_file_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rclpy")
     broken = tmp_path / "broken.yaml"
