@@ -44,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     namespace = (arguments.namespace or scene.name).strip("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII):
         print(
-            f"softsim up: {namespace!r} cannot be a namespace; use letters, digits and underscores, not beginning "
-            "with a digit, such as tripod_2",
+            f"softsim up: {namespace!r} cannot be a namespace; use letters, digits and underscores, not "
+            "beginning with a digit, such as tripod_2",
             file=sys.stderr,
         )
         return 2
