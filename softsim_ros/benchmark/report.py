@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from softsim_ros.benchmark.records import Record
 
@@ -18,6 +19,19 @@ HEAD = (
     "ratio",
     "target",
     "verdict",
+)
+
+PEER_HEAD = (
+    "mesh",
+    "engine",
+    "min ms",
+    "median ms",
+    "ours min",
+    "ours/its",
+    "sag mm",
+    "ours mm",
+    "version",
+    "method",
 )
 
 
@@ -48,10 +62,37 @@ def row(record: Record) -> tuple[str, ...]:
     return (*cells, ratio, target, "MISSED" if record.missed else "ok")
 
 
+def peer_row(record: Record) -> tuple[str, ...]:
+    """One record of another engine as text, a cell for each column of PEER_HEAD."""
+    extras: dict[str, Any] = record.extras
+    ours = float(extras["ours_min_ms"])
+    return (
+        record.mesh,
+        record.path,
+        _number(record.min_ms),
+        _number(record.median_ms),
+        _number(ours),
+        _share(ours / record.min_ms),
+        _number(extras["sag_mm"]),
+        _number(extras["ours_sag_mm"]),
+        str(extras["version"]),
+        str(extras["method"]),
+    )
+
+
 def table(records: Iterable[Record]) -> list[str]:
     """The records as lines of aligned columns, head first."""
-    rows = [HEAD, *(row(record) for record in records)]
-    widths = [max(len(cells[column]) for cells in rows) for column in range(len(HEAD))]
+    return aligned([HEAD, *(row(record) for record in records)])
+
+
+def peer_table(records: Iterable[Record]) -> list[str]:
+    """Records of other engines as lines of aligned columns, head first."""
+    return aligned([PEER_HEAD, *(peer_row(record) for record in records)])
+
+
+def aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows as lines with columns of equal width."""
+    widths = [max(len(cells[column]) for cells in rows) for column in range(len(rows[0]))]
     return [
         "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
         for cells in rows

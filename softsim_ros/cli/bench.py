@@ -15,11 +15,13 @@ if TYPE_CHECKING:
 
 ROUNDS, QUICK_ROUNDS = 40, 5
 QUICK_MESHES = ("low", "reference_low")
+PEER_MESHES = ("low", "mid")
+EXIT_USAGE = 2
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--quick", action="store_true", help="low meshes only, few samples, no node")
+    parser.add_argument("--quick", action="store_true", help="low meshes only, few samples, no node process")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers as a list of objects")
     parser.add_argument(
         "--scene", action="append", choices=("held_centre", "tripod"), help="only this scene (repeatable)"
@@ -50,27 +52,29 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print, write."""
     alone = limit_threads(os.environ)
     if arguments.rounds is not None and arguments.rounds < 1:
-        print("softsim bench: --rounds must be at least 1", file=sys.stderr)
-        return 2
-    from softsim_ros.benchmark.cases import MESHES, SCENES, available_meshes, default_reference_dir
+        return _refuse("--rounds must be at least 1")
+    from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
     there = available_meshes(reference)
     meshes = arguments.mesh or [mesh for mesh in there if not arguments.quick or mesh in QUICK_MESHES]
     for mesh in meshes:
+        if mesh not in MESHES:
+            return _refuse(f"unknown mesh {mesh}; known meshes: {', '.join(MESHES)}")
         if mesh not in there:
-            why = f"not found in {reference}" if mesh in MESHES else f"unknown; known: {', '.join(MESHES)}"
-            print(f"softsim bench: mesh {mesh}: {why}", file=sys.stderr)
-            return 2
-    if not any(mesh.startswith("reference_") for mesh in there):
+            return _refuse(
+                f"mesh {mesh} needs the reference data, which are not in {reference}; use --reference DIR"
+            )
+    if there == [mesh for mesh in MESHES if not mesh.startswith("reference_")]:
         _say(f"no reference meshes in {reference} (--reference DIR, or SOFTSIM_REFERENCE): ours only")
 
     print("\n".join(describe_machine()))
     print("one thread" + ("" if alone else " wanted, but NumPy was already loaded with its own setting"))
-    records = _measure(
-        meshes, arguments.scene or list(SCENES), reference, arguments.rounds, quick=arguments.quick
-    )
-    missed = _report(records)
+    records, missed = _steps(arguments, meshes, reference)
+    if arguments.peers:
+        records += _peers(arguments, meshes, records, reference)
+    if not (arguments.quick or arguments.no_process):
+        missed += _process(records)
     if arguments.json:
         from softsim_ros.benchmark.records import write_json
 
@@ -82,35 +86,86 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if arguments.check and missed else 0
 
 
-def _measure(
-    meshes: list[str], scenes: list[str], reference: Path, rounds: int | None, *, quick: bool
-) -> list[Record]:
-    from softsim_ros.benchmark.cases import cases
+def _rounds(arguments: argparse.Namespace) -> int:
+    return int(arguments.rounds or (QUICK_ROUNDS if arguments.quick else ROUNDS))
+
+
+def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) -> tuple[list[Record], int]:
+    """Measure whole steps and print them; the records and the number of missed targets."""
+    from softsim_ros.benchmark.cases import SCENES, cases
     from softsim_ros.benchmark.records import judge
+    from softsim_ros.benchmark.report import table
     from softsim_ros.benchmark.steps import known_paths, measure
 
     paths = known_paths()
     if "numba" not in paths:
         _say("numba is not installed: only the SciPy path is measured; pip install numba")
     records = []
-    for group in cases(meshes, scenes, reference):
+    for group in cases(meshes, arguments.scene or SCENES, reference):
         _say(f"measuring {' and '.join(case.scene for case in group)} on {group[0].mesh} ...")
-        records += measure(group, paths, rounds or (QUICK_ROUNDS if quick else ROUNDS))
+        records += measure(group, paths, _rounds(arguments))
     judge(records)
-    return records
-
-
-def _report(records: list[Record]) -> int:
-    """Print the table; the number of missed targets."""
-    from softsim_ros.benchmark.report import table
-
-    print("\ntime to advance by one dt, whole Simulation.step(); splu: one factorisation of the same matrix")
+    print("\nwhole Simulation.step(), one dt; splu: one factorisation of the same step's matrix, same run")
     print("\n".join(table(records)))
     missed = sum(record.missed for record in records)
     judged = sum(record.ratio is not None for record in records)
     print(f"{judged - missed} of {judged} targets met" if judged else "nothing to judge")
+    return records, missed
+
+
+def _peers(
+    arguments: argparse.Namespace, meshes: list[str], ours: list[Record], reference: Path
+) -> list[Record]:
+    """Measure the held body in other engines and print it; their records."""
+    from softsim_ros.benchmark.cases import Case, describe
+    from softsim_ros.benchmark.peers.comparison import compare
+    from softsim_ros.benchmark.report import peer_table
+
+    records: list[Record] = []
+    notes: dict[str, None] = {}
+    for mesh in meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]:
+        _say(f"measuring the held body in other engines on {mesh} ...")
+        case = Case("held_centre", mesh, describe("held_centre", mesh, reference))
+        found, missing = compare(case, _rounds(arguments))
+        records += found
+        notes |= dict.fromkeys(missing)
+        for record in ours:  # the sag of the same run stands beside our own time, too
+            if found and (record.scene, record.mesh, record.path) == ("held_centre", mesh, "numba"):
+                record.extras["sag_mm"] = found[0].extras["ours_sag_mm"]
+    print("\nthe held body in other engines, one dt of the scene; sag: of the lowest node, at rest")
+    print("\n".join([*(peer_table(records) if records else ()), *notes]))
+    return records
+
+
+def _process(records: list[Record]) -> int:
+    """Measure a simulator process and print it; the number of missed targets."""
+    from softsim_ros.benchmark.process import MEMORY_LIMIT_MB, PUBLISH_LIMIT_MS, measure_process
+
+    _say("running the simulator on mid for 1000 steps ...")
+    figures = measure_process()
+    verdict = "MISSED" if figures.memory_mb > MEMORY_LIMIT_MB else "ok"
+    print(f"\n{figures.what}, mid, after {figures.steps} steps:")
+    print(f"  memory {figures.memory_mb:.0f} MB, target <= {MEMORY_LIMIT_MB:.0f} MB: {verdict}")
+    missed = int(figures.memory_mb > MEMORY_LIMIT_MB)
+    extras: dict[str, object] = {"memory_mb": figures.memory_mb}
+    if figures.publish_ms is not None:
+        late = figures.publish_ms > PUBLISH_LIMIT_MS
+        missed += late
+        print(
+            f"  publishing {figures.publish_ms:.2f} ms a step, target <= {PUBLISH_LIMIT_MS:.0f} ms: "
+            f"{'MISSED' if late else 'ok'}; real-time factor {figures.real_time_factor:.2f}"
+        )
+        extras |= {"publish_ms": figures.publish_ms}
+    for record in records:
+        if (record.scene, record.mesh, record.path) == ("tripod", "mid", "numba"):
+            record.extras.update(extras)
     return missed
 
 
 def _say(sentence: str) -> None:
     print(sentence, file=sys.stderr, flush=True)
+
+
+def _refuse(sentence: str) -> int:
+    _say(f"softsim bench: {sentence}")
+    return EXIT_USAGE

@@ -1,0 +1,1 @@
+"""The held body in other engines, installed with the optional extra `peers`."""

@@ -1,0 +1,93 @@
+"""What every engine is given: the same mesh, material, mass, gravity and held nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.mechanics.model import HELD
+from softsim_core.scene.builder import build
+from softsim_core.scene.description import Box, SceneDescription
+
+
+class PeerMissingError(ImportError):
+    """An engine is not installed, or is too old; the text says how to install it."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldBody:
+    """A deformable body with one box of held nodes.
+
+    Attributes:
+        points: Rest positions in [m], shape (n, 3).
+        tets: Tetrahedra, shape (m, 4).
+        held: Indices of the held nodes, shape (k,).
+        box: The region that holds them.
+        volume: Volume at rest in [m^3].
+        young_modulus: In [Pa].
+        poisson_ratio: In [-].
+        total_mass: In [kg].
+        gravity: In [m/s^2], shape (3,).
+        dt: Time step in [s].
+    """
+
+    points: Array
+    tets: IndexArray
+    held: IndexArray
+    box: Box
+    volume: float
+    young_modulus: float
+    poisson_ratio: float
+    total_mass: float
+    gravity: Array
+    dt: float
+
+    def sag(self, points: Array) -> float:
+        """How far in [m] the lowest node now is below the lowest node at rest; points of shape (n, 3)."""
+        return float(self.points[:, 2].min() - points[:, 2].min())
+
+
+class Engine(Protocol):
+    """The body in an engine, falling from rest.
+
+    Attributes:
+        name: Path in the records.
+        version: Version of the engine.
+        method: How it computes a step, in a few words.
+        rests: Whether the body comes to rest, so that its sag can be told.
+    """
+
+    name: str
+    version: str
+    method: str
+    rests: bool
+
+    def advance(self) -> None:
+        """Go on by one dt."""
+        ...
+
+    def points(self) -> Array:
+        """Node positions now in [m], shape (n, 3), in the order of HeldBody.points."""
+        ...
+
+
+def held_body(description: SceneDescription) -> HeldBody:
+    """The one body of a held scene, as other engines need it."""
+    model = build(description).model
+    body, box = description.bodies[0], description.attachments[0].box
+    assert box is not None  # the scene held_centre holds a box
+    return HeldBody(
+        points=model.rest,
+        tets=model.elements.nodes,
+        held=np.flatnonzero(model.zone_of_node == HELD),
+        box=box,
+        volume=float(model.elements.volumes.sum()),
+        young_modulus=body.material.young_modulus,
+        poisson_ratio=body.material.poisson_ratio,
+        total_mass=body.total_mass,
+        gravity=model.gravity,
+        dt=model.dt,
+    )

@@ -1,0 +1,105 @@
+"""Our step and the other engines' on the same held body, in one run, with the sag that each of them finds."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_ros.benchmark.cases import Case
+from softsim_ros.benchmark.peers.body import Engine, HeldBody, PeerMissingError, held_body
+from softsim_ros.benchmark.peers.drake_body import DrakeBody
+from softsim_ros.benchmark.peers.mujoco_flex import CONVERGED_ITERATIONS, DEFAULT_ITERATIONS, MujocoFlex
+from softsim_ros.benchmark.records import Record
+from softsim_ros.benchmark.steps import STEPS_A_TURN, known_paths
+from softsim_ros.benchmark.timing import Contender, take_turns
+
+SETTLING_S = 3.0
+"""Simulated time after which the undamped body rests: implicit Euler steps of 0.01 s damp it."""
+
+STEPS_A_TURN_OF_PEERS = 2
+
+ENGINES: tuple[Callable[[HeldBody], Engine], ...] = (
+    DrakeBody,
+    partial(DrakeBody, held=False),
+    partial(MujocoFlex, iterations=CONVERGED_ITERATIONS),
+    partial(MujocoFlex, iterations=DEFAULT_ITERATIONS),
+)
+
+
+class OurBody:
+    """See Engine: our own step, as a user runs it; compiled where Numba is installed."""
+
+    version = ""
+    rests = True
+    method = "corotational linear tetrahedra, one exact factorisation a step"
+
+    def __init__(self, case: Case) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            self._simulation = Simulation(case.description, backend=known_paths()[0])
+        self.name = self._simulation.backend
+
+    def advance(self) -> None:
+        """See Engine."""
+        self._simulation.step()
+
+    def points(self) -> Array:
+        """See Engine."""
+        return self._simulation.positions
+
+
+def compare(case: Case, rounds: int) -> tuple[list[Record], list[str]]:
+    """Measure the held body of a case in our step and in every engine that is installed.
+
+    Args:
+        case: A held scene.
+        rounds: Turns of each engine.
+
+    Returns:
+        Records of the other engines (our own figures in `ours_min_ms`, `ours_sag_mm`), and what is missing.
+    """
+    body = held_body(case.description)
+    engines: list[Engine] = []
+    missing: list[str] = []
+    for make in ENGINES:
+        try:
+            engines.append(make(body))
+        except PeerMissingError as error:
+            missing.append(str(error))
+    if not engines:
+        return [], list(dict.fromkeys(missing))
+    ours = OurBody(case)
+    contenders = [Contender("ours", ours.advance, STEPS_A_TURN[known_paths()[0]])]
+    contenders += [Contender(each.name, each.advance, STEPS_A_TURN_OF_PEERS) for each in engines]
+    times = take_turns(contenders, rounds)
+    for engine in (ours, *(each for each in engines if each.rests)):
+        for _ in range(round(SETTLING_S / body.dt)):
+            engine.advance()
+    fastest = float(times["ours"].min())
+    return [
+        Record(
+            scene=case.scene,
+            mesh=case.mesh,
+            path=engine.name,
+            nodes=len(body.points),
+            elements=len(body.tets),
+            min_ms=float(times[engine.name].min()),
+            median_ms=float(np.median(times[engine.name])),
+            extras={
+                "sag_mm": 1e3 * body.sag(engine.points()) if engine.rests else None,
+                "ours_sag_mm": 1e3 * body.sag(ours.points()),
+                "ours_min_ms": fastest,
+                "ours_median_ms": float(np.median(times["ours"])),
+                "dt_s": body.dt,
+                "version": engine.version,
+                "method": engine.method,
+                "samples": len(times[engine.name]),
+            },
+        )
+        for engine in engines
+    ], list(dict.fromkeys(missing))

@@ -1,0 +1,83 @@
+"""The held body as a deformable body of Drake: linear corotated tetrahedra, discrete steps.
+
+Drake prescribes nodes of a half space only; a box of nodes is held by its fixed constraint, which its contact
+solver resolves in every step. What its step costs without that shows the same body falling freely.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.mesh import TetMesh, write_tets
+from softsim_ros.benchmark.machine import version_of
+from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
+
+
+class DrakeBody:
+    """See Engine.
+
+    Args:
+        body: What to simulate.
+        held: False lets the body fall.
+
+    Raises:
+        PeerMissingError: Drake is not installed.
+    """
+
+    def __init__(self, body: HeldBody, held: bool = True) -> None:
+        try:
+            from pydrake import geometry, math
+            from pydrake.multibody import fem, plant
+            from pydrake.systems.analysis import Simulator
+            from pydrake.systems.framework import DiagramBuilder
+        except ImportError as error:
+            raise PeerMissingError(
+                f"Drake is not measured ({error}): pip install 'softsim[peers]' (x86-64 Linux)"
+            ) from error
+        self.version = version_of("drake") or ""
+        self.name = "drake" if held else "drake_falling"
+        self.method = f"linear corotated, {'SAP with fixed constraints' if held else 'nothing held'}"
+        self.rests = held
+        self._dt, self._steps = body.dt, 0
+        builder = DiagramBuilder()
+        world, _ = plant.AddMultibodyPlant(
+            plant.MultibodyPlantConfig(time_step=body.dt, discrete_contact_approximation="lagged"), builder
+        )
+        material = fem.DeformableBodyConfig()
+        material.set_material_model(fem.MaterialModel.kLinearCorotated)
+        material.set_youngs_modulus(body.young_modulus)
+        material.set_poissons_ratio(body.poisson_ratio)
+        material.set_mass_density(body.total_mass / body.volume)
+        material.set_mass_damping_coefficient(0.0)
+        material.set_stiffness_damping_coefficient(0.0)
+        nowhere = math.RigidTransform()
+        self._model = world.mutable_deformable_model()
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "body.vtk"
+            write_tets(file, TetMesh(body.points, body.tets, "body"))
+            shape = geometry.GeometryInstance(nowhere, geometry.Mesh(str(file), 1.0), "body")
+            shape.set_proximity_properties(geometry.ProximityProperties())
+            self._body = self._model.RegisterDeformableBody(shape, material, 1.0)
+        center = math.RigidTransform(np.array(body.box.center))
+        if held:
+            self._model.AddFixedConstraint(
+                self._body, world.world_body(), nowhere, geometry.Box(*body.box.size), center
+            )
+        world.mutable_gravity_field().set_gravity_vector(body.gravity)
+        world.Finalize()
+        self._simulator = Simulator(builder.Build())
+        self._context = world.GetMyContextFromRoot(self._simulator.get_mutable_context())
+        self._simulator.Initialize()
+
+    def advance(self) -> None:
+        """See Engine."""
+        self._steps += 1
+        self._simulator.AdvanceTo(self._steps * self._dt)
+
+    def points(self) -> Array:
+        """See Engine."""
+        return np.asarray(self._model.GetPositions(self._context, self._body)).T.copy()

@@ -1,0 +1,142 @@
+"""`softsim bench` runs, tells the machine, writes its JSON; ratios are sane with wide margins."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from softsim_ros.benchmark.cases import Case, default_reference_dir, describe
+from softsim_ros.benchmark.machine import limit_threads
+from softsim_ros.benchmark.records import Record, judge
+from softsim_ros.benchmark.report import table
+from softsim_ros.benchmark.timing import Contender, take_turns
+
+KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def run_bench(*words: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.run(
+        [sys.executable, "-m", "softsim_ros.cli", "bench", *words],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | {"PYTHONPATH": path},
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def quick_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[dict[str, Any]]]:
+    file = tmp_path_factory.mktemp("bench") / "numbers.json"
+    done = run_bench("--quick", "--rounds", "3", "--mesh", "low", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    return done.stdout, json.loads(file.read_text())
+
+
+def test_bench_tells_machine_threads_and_verdicts(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
+    printed, _ = quick_run
+    for word in ("cores", "Python", "numpy", "scipy", "one thread", "min ms", "median ms", "verdict"):
+        assert word in printed
+
+
+def test_bench_json_has_the_fixed_keys_first(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
+    _, records = quick_run
+    assert {(each["scene"], each["mesh"]) for each in records} == {("held_centre", "low"), ("tripod", "low")}
+    for each in records:
+        assert tuple(each)[: len(KEYS)] == KEYS
+        assert 0.0 < each["min_ms"] <= each["median_ms"]
+        assert each["nodes"] > 200
+        assert each["elements"] > 500
+
+
+def test_ratios_are_sane(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
+    pytest.importorskip("numba")
+    _, records = quick_run
+    step = {(each["scene"], each["path"]): each for each in records}
+    held = step["held_centre", "numba"]
+    assert held["min_ms"] < 0.5 * held["splu_min_ms"]  # the target is one sixth
+    assert step["tripod", "numba"]["min_ms"] < 3.0 * held["min_ms"]  # the target is 1.6
+    assert held["min_ms"] < step["held_centre", "scipy"]["min_ms"]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--mesh", "huge"), "unknown mesh huge; known meshes: low"),
+        (("--mesh", "reference_low", "--reference", "/nowhere"), "use --reference DIR"),
+        (("--rounds", "0"), "--rounds must be at least 1"),
+    ],
+)
+def test_wrong_usage_is_one_sentence(words: tuple[str, ...], sentence: str) -> None:
+    done = run_bench(*words)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_missed_target_is_named() -> None:
+    held = Record("held_centre", "low", "numba", 10, 20, min_ms=1.0, median_ms=1.1, splu_min_ms=5.0)
+    robot = Record("tripod", "low", "numba", 10, 20, min_ms=1.5, median_ms=1.7, splu_min_ms=5.0)
+    judge([held, robot])
+    assert held.missed
+    assert held.ratio == pytest.approx(0.2)
+    assert not robot.missed
+    assert robot.ratio == pytest.approx(1.5)
+    assert "MISSED" in table([held])[1]
+    assert "1/5.0 splu" in table([held])[1]
+
+
+def test_contenders_take_turns() -> None:
+    order: list[str] = []
+    contenders = [
+        Contender("a", lambda: order.append("a"), calls=2, prepare=lambda: order.append("prepare")),
+        Contender("b", lambda: order.append("b")),
+    ]
+    times = take_turns(contenders, rounds=2)
+    assert order == ["prepare", "a", "b", "prepare", "a", "a", "b", "b", "prepare", "a", "a"]
+    assert {name: len(each) for name, each in times.items()} == {"a": 4, "b": 2}
+
+
+def test_thread_limit_is_asked_before_numpy_is_loaded() -> None:
+    code = (
+        "import os, sys; import softsim_ros.cli.bench as bench; assert 'numpy' not in sys.modules; "
+        "assert bench.limit_threads(os.environ); assert os.environ['OPENBLAS_NUM_THREADS'] == '1'"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True, timeout=60)
+    environment = {"OPENBLAS_NUM_THREADS": "2"}
+    assert not limit_threads(environment)  # NumPy is loaded in this process
+    assert set(environment.values()) == {"1"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package", ["pydrake", "mujoco"])
+def test_other_engines_find_our_sag(package: str) -> None:
+    pytest.importorskip(package, reason=f"{package} is not installed: pip install 'softsim[peers]'")
+    from softsim_ros.benchmark.peers.comparison import compare
+
+    case = Case("held_centre", "low", describe("held_centre", "low", default_reference_dir()))
+    records, _ = compare(case, rounds=1)
+    sags = [each.extras for each in records if each.path == package.removeprefix("py")]
+    assert sags
+    for extras in sags:
+        assert extras["sag_mm"] == pytest.approx(extras["ours_sag_mm"], rel=0.05)
+
+
+def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    from softsim_ros.benchmark.peers import comparison
+
+    monkeypatch.setitem(sys.modules, "pydrake", None)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    case = Case("held_centre", "low", describe("held_centre", "low", default_reference_dir()))
+    records, missing = comparison.compare(case, rounds=1)
+    assert records == []
+    assert len(missing) == 2
+    assert all("pip install 'softsim[peers]'" in sentence for sentence in missing)
