@@ -131,7 +131,7 @@ def test_overrides(tmp_path: Path) -> None:
         ("load_scene('gone')", "line 3", ["gone", "no such file"]),
         ("scene.dt = -1.0", "", ["dt", "> 0 s", "-1.0"]),
         ("scene.dt = 'fast'", "", ["wrong type"]),
-        ("scene.name = 3", "name", ["text"]),
+        ("scene.name = 3", "", ["name", "letters"]),
         ("scene.gravity = (0.0, 1.0)", "gravity", ["3 numbers"]),
         ("scene.add([servo('a'), servo('a')])", "", ["two", "joint", "a"]),
         ("scene.effector = 'tip'", "", ["effector", "'tip'"]),
