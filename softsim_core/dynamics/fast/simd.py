@@ -267,3 +267,22 @@ def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
         return builder.load(total)
 
     return signature, generate
+
+
+@intrinsic
+def steady_seconds(typing: Any) -> Any:
+    """Seconds on the steady clock (clock_gettime), as time.perf_counter reads it."""
+    signature = types.float64()
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        long, monotonic = ir.IntType(64), 1
+        pair = ir.ArrayType(long, 2)  # struct timespec where long and time_t have 64 bits
+        slot = cgutils.alloca_once(builder, pair)
+        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(32), pair.as_pointer()])
+        clock = cgutils.get_or_insert_function(builder.module, kind, "clock_gettime")
+        builder.call(clock, [ir.IntType(32)(monotonic), slot])
+        value = builder.load(slot)
+        seconds, nanoseconds = (builder.sitofp(builder.extract_value(value, i), _DOUBLE) for i in range(2))
+        return builder.fadd(seconds, builder.fmul(nanoseconds, _DOUBLE(1e-9)))
+
+    return signature, generate

@@ -1,12 +1,10 @@
 """The fast time step: compiled assembly into the panels of a supernodal multifrontal Cholesky factorisation.
 
-One step is three compiled calls (assemble, factor, finish); everything that does not change is planned once.
+One step is one compiled call (assemble, factor, finish); everything that does not change is planned once.
 It computes what scipy_step computes, to rounding.
 """
 
 from __future__ import annotations
-
-from time import perf_counter
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from softsim_core.dynamics.fast.factorisation import factor, solve_backward, sol
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
 from softsim_core.dynamics.fast.prepare import prepare, set_moduli
+from softsim_core.dynamics.fast.simd import steady_seconds
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
@@ -99,8 +98,23 @@ def finish(
     return speed
 
 
+@kernel
+def advance(
+    motion: Motion, external: Array, targets: Array, base_shift: float, h: float, lag: float,
+    rayleigh_mass: float, polar: bool, border: Border, free: Elements, mixed: Elements, nodes: Nodes, tree: Tree, work: Work,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """One whole step; returns the largest speed, and the seconds for assembly, factorisation and the rest."""
+    started = steady_seconds()
+    assemble(motion, external, h, lag, rayleigh_mass, polar, border, free, mixed, nodes, work)
+    assembled = steady_seconds()
+    factor(tree, work)
+    factored = steady_seconds()
+    speed = finish(motion, targets, base_shift, h, lag, border, tree, nodes, work)
+    return speed, assembled - started, factored - assembled, steady_seconds() - factored
+
+
 class NumbaStepper:
-    """Plan once, then step in three compiled calls."""
+    """Plan once, then step in one compiled call."""
 
     name = "numba"
 
@@ -116,30 +130,19 @@ class NumbaStepper:
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
         model, all_ = self.model, self._prepared
-        h, lag = model.dt, model.dt + parameters.rayleigh_stiffness
+        lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
-        started = perf_counter()
         motion = Motion(*(getattr(state, name) for name in Motion._fields))
         external = inputs.forces + self._weight
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
-        assemble(
-            motion, external, h, lag, parameters.rayleigh_mass, self._polar, all_.border, all_.free,
-            all_.mixed, all_.nodes, all_.work,
+        speed, *seconds = advance(
+            motion, external, inputs.targets, inputs.base_shift, model.dt, lag, parameters.rayleigh_mass,
+            self._polar, all_.border, all_.free, all_.mixed, all_.nodes, all_.tree, all_.work,
         )  # fmt: skip
-        assembled = perf_counter()
-        factor(all_.tree, all_.work)
-        factored = perf_counter()
-        speed = finish(
-            motion, inputs.targets, inputs.base_shift, h, lag, all_.border, all_.tree, all_.nodes, all_.work
-        )
-        finished = perf_counter()
-        self.stage_times = {
-            "assemble": 1e3 * (assembled - started),
-            "factor": 1e3 * (factored - assembled),
-            "solve": 1e3 * (finished - factored),
-        }
-        return float(speed)
+        stages = ("assemble", "factor", "solve")
+        self.stage_times = {stage: 1e3 * each for stage, each in zip(stages, seconds, strict=True)}
+        return speed
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper."""
