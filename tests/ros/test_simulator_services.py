@@ -59,7 +59,7 @@ def test_a_paused_simulation_steps_one_at_a_time(paused: Any, spin_until: Any) -
     assert paused.trigger("step") == (True, "step 1 done")
     assert paused.trigger("step") == (True, "step 2 done")
     paused.command([-1.0] * 3)  # may arrive after the next request
-    assert spin_until(lambda: paused.trigger("step")[0] and states[-1].position[0] < 0.0)
+    assert spin_until(lambda: paused.trigger("step")[0] and states and states[-1].position[0] < 0.0)
     begin = position()
     steps(paused, 3)
     assert position() - begin == pytest.approx(-3 * 0.01 * 3.5)  # three steps at 3.5 rad/s
