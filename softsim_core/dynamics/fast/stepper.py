@@ -101,8 +101,8 @@ def finish(
 @kernel
 def advance(
     motion: Motion, external: Array, targets: Array, base_shift: float, h: float, lag: float,
-    rayleigh_mass: float, polar: bool, border: Border, free: Elements, mixed: Elements, nodes: Nodes, tree: Tree,
-    work: Work,
+    rayleigh_mass: float, polar: bool, border: Border, free: Elements, mixed: Elements, nodes: Nodes,
+    tree: Tree, work: Work,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """One whole step; returns the largest speed, and the seconds for assembly, factorisation and the rest."""
     started = steady_seconds()
