@@ -65,6 +65,10 @@ class Engine(Protocol):
     method: str
     rests: bool
 
+    def restart(self) -> None:
+        """Back to the rest shape, without velocity."""
+        ...
+
     def advance(self) -> None:
         """Go on by one dt."""
         ...

@@ -42,7 +42,7 @@ class DrakeBody:
         self.name = "drake" if held else "drake_falling"
         self.method = f"linear corotated, {'SAP with fixed constraints' if held else 'nothing held'}"
         self.rests = held
-        self._dt, self._steps = body.dt, 0
+        self._dt, self._steps, self._rest = body.dt, 0, body.points.T.copy()
         builder = DiagramBuilder()
         world, _ = plant.AddMultibodyPlant(
             plant.MultibodyPlantConfig(time_step=body.dt, discrete_contact_approximation="lagged"), builder
@@ -72,6 +72,12 @@ class DrakeBody:
         self._simulator = Simulator(builder.Build())
         self._context = world.GetMyContextFromRoot(self._simulator.get_mutable_context())
         self._simulator.Initialize()
+
+    def restart(self) -> None:
+        """See Engine."""
+        self._model.SetPositionsAndVelocities(
+            self._context, self._body, self._rest, np.zeros_like(self._rest)
+        )
 
     def advance(self) -> None:
         """See Engine."""

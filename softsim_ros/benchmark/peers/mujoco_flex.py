@@ -44,6 +44,7 @@ class MujocoFlex:
         self.name = "mujoco" if iterations > DEFAULT_ITERATIONS else "mujoco_unconverged"
         self.method = f"St. Venant-Kirchhoff, integrator discrete, at most {iterations} iterations"
         mujoco.set_mju_user_warning(_keep_quiet)  # else: to stderr and to a file in the current folder
+        self._reset = mujoco.mj_resetData
         self._model: Any = mujoco.MjModel.from_xml_string(describe(body, iterations))
         self._data: Any = mujoco.MjData(self._model)
         self.rests = True
@@ -52,8 +53,12 @@ class MujocoFlex:
 
     @property
     def warnings(self) -> int:
-        """Number of warnings so far: one a step whose solve did not converge."""
+        """Number of warnings since the start: one a step whose solve did not converge."""
         return int(self._data.warning.number.sum())
+
+    def restart(self) -> None:
+        """See Engine."""
+        self._reset(self._model, self._data)
 
     def advance(self) -> None:
         """See Engine."""
