@@ -6,8 +6,9 @@ iteration solves
 
     (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid zones
 
-and takes the part of dq after which the next one is shorter. A load that is too far is approached in parts:
-joint targets and base shift move evenly, and the residual of the first state is taken away evenly.
+and adds dq, all or part of it (see WAYS). A load that is too far is approached in parts: joint targets and
+base shift move evenly, and the residual of the first state is taken away evenly. What comes out is checked:
+the last step is tiny, the equilibrium stable, and no element was turned inside out.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -31,7 +32,7 @@ from softsim_core.dynamics.assembly import (
 from softsim_core.dynamics.scipy_step import factorised
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.errors import NotConvergedError
-from softsim_core.fem.corotational import exact_tangent_blocks
+from softsim_core.fem.corotational import deformation_gradients, exact_tangent_blocks, stiffness_blocks
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
@@ -41,6 +42,13 @@ SMALLEST_PART = 1.0 / 1024.0
 
 SHORTEST_STEP = 1.0 / 256.0
 """A line search below this fraction of a Newton step is given up."""
+
+WAYS = {"whole": 12, "damped": 25, "warped": 12}
+"""Ways to an equilibrium, quickest first, and their most iterations: whole Newton steps; damped ones; steps
+with the rotations of the elements frozen, which survive a crumpled start, then whole ones when near."""
+
+NEAR = 0.1
+"""Frozen rotations are left when a step is shorter than this part of an element's size."""
 
 SINGULAR = "the tangent is singular (is every body attached?)"
 
@@ -69,7 +77,6 @@ def solve_static(
     parameters: Parameters,
     *,
     tolerance: float = 1e-11,
-    max_iterations: int = 25,
 ) -> StaticSolution:
     """The stable equilibrium under constant inputs that is reached from `state`.
 
@@ -79,7 +86,6 @@ def solve_static(
         inputs: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
         parameters: Material; damping has no part in an equilibrium.
         tolerance: The last Newton step moves nothing by more than this, in [m].
-        max_iterations: Newton iterations a load step.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
@@ -89,7 +95,7 @@ def solve_static(
     while reached < 1.0:
         goal = min(1.0, reached + part)
         try:
-            current = problem.newton(current, reached, goal, tolerance, max_iterations)
+            current = problem.newton(current, goal, tolerance)
         except NotConvergedError as failure:
             part /= 4.0
             if part < SMALLEST_PART:
@@ -114,8 +120,11 @@ class _Problem:
         self.first_targets = self.start.joint_positions.copy()
         self.first_shift = float(self.start.base_shift[0])
         self.lever = self._levers()
+        self.near = NEAR * float(np.cbrt(model.elements.volumes.mean())) if len(self.lame) else 0.0
         self.first_residual = np.zeros(self.at.size)
         self.first_residual = self._residual(self.start, 0.0)[0]
+        if not np.isfinite(self.first_residual + self.inputs.targets.sum() + self.inputs.base_shift).all():
+            raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
 
     def _levers(self) -> Array:
         """What turns each unknown into a displacement: how far it moves its zone's nodes in [m], else 1."""
@@ -127,26 +136,53 @@ class _Problem:
                 lever[self.at.first_border + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
         return lever
 
-    def newton(
-        self, before: State, reached: float, goal: float, tolerance: float, max_iterations: int
-    ) -> State:
-        """The equilibrium at the load fraction `goal`, from the one at `reached`."""
-        state = self._predicted(before, goal)
-        for _ in range(max_iterations):
+    def newton(self, before: State, goal: float, tolerance: float) -> State:
+        """The equilibrium at the load fraction `goal`, from an earlier one: each way in turn."""
+        failure: NotConvergedError | None = None
+        for way in WAYS:
+            try:
+                return self._iterated(before, goal, tolerance, way)
+            except NotConvergedError as refused:
+                failure = refused
+        assert failure is not None
+        raise failure
+
+    def _iterated(self, before: State, goal: float, tolerance: float, way: str) -> State:
+        state, warped = self._predicted(before, goal), way == "warped"
+        sizes: list[float] = []
+        for _ in range(WAYS[way]):
             residual, forces = self._residual(state, goal)
-            factors = self._factors(state, forces, goal)
+            factors = self._factors(state, forces, goal, warped)
             step = self._solve(factors, residual)
-            largest = self._size(step)
-            if not largest < np.inf:
+            sizes.append(self._size(step))
+            if not sizes[-1] < np.inf:
                 raise self._failure(SINGULAR, goal, residual)
-            if largest <= tolerance:
-                if not _positive(factors):
-                    raise self._failure("only an unstable one", goal, residual)
+            if sizes[-1] <= tolerance and not warped:
+                self._accept(state, before, factors, goal, residual)
                 self._move(state, step)
                 return state
-            if not self._search(state, step, factors, goal):
-                raise self._failure("the line search stalled", goal, residual)
-        raise self._failure(f"no convergence in {max_iterations} iterations", goal, residual)
+            if way == "damped":
+                if not self._search(state, step, factors, goal):
+                    raise self._failure("the line search stalled", goal, residual)
+                continue
+            if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
+                raise self._failure("whole steps do not get shorter", goal, residual)
+            self._move(state, step)
+            warped = warped and sizes[-1] > self.near
+        raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
+
+    def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
+        """Refuse an equilibrium in which nothing would stay, or that was reached through matter."""
+        if not _positive(factors):
+            raise self._failure("only an unstable one", goal, residual)
+        if (self._inverted(state) & ~self._inverted(before)).any():
+            raise self._failure("only one with elements turned inside out", goal, residual)
+
+    def _inverted(self, state: State) -> Any:
+        """Which elements are inside out, shape (m,)."""
+        corners = state.positions[self.model.elements.nodes]
+        gradients = deformation_gradients(corners, self.model.elements.gradients)
+        return np.linalg.det(gradients) < 0.0
 
     def finish(self, state: State) -> float:
         """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
@@ -185,16 +221,21 @@ class _Problem:
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 
-    def _stiffness(self, state: State) -> sp.csr_matrix:
+    def _stiffness(self, state: State, warped: bool = False) -> sp.csr_matrix:
         """Exact tangent -df/dx on the nodes, shape (3 n, 3 n)."""
         model = self.model
         corners = state.positions[model.elements.nodes]
-        blocks = exact_tangent_blocks(
-            corners, model.elements.gradients, model.elements.volumes, self.lame, model.law
-        )
+        if warped:
+            blocks = stiffness_blocks(
+                rotated_gradients(model, state.positions), model.elements.volumes, self.lame
+            )
+        else:
+            blocks = exact_tangent_blocks(
+                corners, model.elements.gradients, model.elements.volumes, self.lame, model.law
+            )
         return sparse_of_blocks(model, blocks) + sp.diags(np.repeat(model.spring, 3))
 
-    def _factors(self, state: State, forces: Array, fraction: float) -> Any:
+    def _factors(self, state: State, forces: Array, fraction: float, warped: bool = False) -> Any:
         """Factorised tangent of the residual on the unknowns that are solved for."""
         at, model = self.at, self.model
         mapping, screws = jacobian(model, at, state), model.screws(state)
@@ -206,7 +247,7 @@ class _Problem:
             angular = screws.angular[zone.border]
             border[np.ix_(zone.border, zone.border)] -= angular @ turned @ angular.T
         border[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
-        matrix = mapping.T @ self._stiffness(state) @ mapping
+        matrix = mapping.T @ self._stiffness(state, warped) @ mapping
         matrix += sp.block_diag((sp.csr_matrix((at.first_border, at.first_border)), border))
         self.iterations += 1
         try:

@@ -151,7 +151,7 @@ def test_momentum_of_a_free_body_is_kept(law: str, seed: int, backend: Backend) 
 
 @pytest.mark.parametrize(("law", "allowed"), [("polar", 0.06), ("qr", 0.2)])
 def test_spin_of_a_struck_body_drifts_by_little(law: str, allowed: float, backend: Backend) -> None:
-    """The step, linearised once, does not keep the angular momentum, and `qr` forces have a small net moment."""
+    """The step, linearised once, does not keep the angular momentum; `qr` forces have a small net moment."""
     built = block(law, gravity=(0.0, 0.0, 0.0))
     model, state = built.model, struck(built.model, 0)
     stepper = make_stepper(model, backend)
