@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from softsim_ros.benchmark.cases import Case, default_reference_dir, describe
@@ -116,18 +117,41 @@ def test_thread_limit_is_asked_before_numpy_is_loaded() -> None:
     assert set(environment.values()) == {"1"}
 
 
+def low_case() -> Case:
+    return Case("held_centre", "low", describe("held_centre", "low", default_reference_dir()))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("package", ["pydrake", "mujoco"])
 def test_other_engines_find_our_sag(package: str) -> None:
     pytest.importorskip(package, reason=f"{package} is not installed: pip install 'softsim[peers]'")
     from softsim_ros.benchmark.peers.comparison import compare
 
-    case = Case("held_centre", "low", describe("held_centre", "low", default_reference_dir()))
-    records, _ = compare(case, rounds=1)
+    records, _ = compare(low_case(), rounds=1)
     sags = [each.extras for each in records if each.path == package.removeprefix("py")]
     assert sags
     for extras in sags:
         assert extras["sag_mm"] == pytest.approx(extras["ours_sag_mm"], rel=0.05)
+
+
+@pytest.mark.slow
+def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
+    pytest.importorskip("pydrake", reason="pydrake is not installed: pip install 'softsim[peers]'")
+    from softsim_core import Simulation
+    from softsim_ros.benchmark.peers.body import held_body
+    from softsim_ros.benchmark.peers.drake_body import DrakeBody
+
+    case = low_case()
+    body = held_body(case.description)
+    ours, drake = Simulation(case.description, backend="scipy"), DrakeBody(body)
+    elements = ours.model.elements
+    quarters = np.repeat(elements.volumes / 4.0, 4)
+    by_volume = np.bincount(elements.nodes.ravel(), quarters, minlength=len(body.points))
+    ours.model.mass[:] = body.total_mass * by_volume / body.volume  # the SciPy path reads it in every step
+    for _ in range(200):
+        ours.step()
+        drake.advance()
+    assert body.sag(drake.points()) == pytest.approx(body.sag(ours.positions), rel=1e-3)
 
 
 def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,8 +159,7 @@ def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setitem(sys.modules, "pydrake", None)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    case = Case("held_centre", "low", describe("held_centre", "low", default_reference_dir()))
-    records, missing = comparison.compare(case, rounds=1)
+    records, missing = comparison.compare(low_case(), rounds=1)
     assert records == []
     assert len(missing) == 2
     assert all("pip install 'softsim[peers]'" in sentence for sentence in missing)

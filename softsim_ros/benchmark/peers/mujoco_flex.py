@@ -39,7 +39,7 @@ class MujocoFlex:
         self.version = version_of("mujoco-core") or version_of("mujoco") or ""
         if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
             raise PeerMissingError(
-                f"MuJoCo is not measured (version {self.version} integrates a flex explicitly): {INSTALL}"
+                f"MuJoCo is not measured (version {self.version} has no integrator discrete): {INSTALL}"
             )
         self.name = "mujoco" if iterations > DEFAULT_ITERATIONS else "mujoco_unconverged"
         self.method = f"St. Venant-Kirchhoff, integrator discrete, at most {iterations} iterations"
