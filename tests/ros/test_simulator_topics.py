@@ -68,7 +68,7 @@ def test_the_diagnostics_tell_speed_stages_memory_and_state(tripod: Any, spin_un
     assert report["state"] == "running"
     assert float(report["step_ms"]) > 0.0
     assert float(report["publishing_ms"]) > 0.0
-    assert 20.0 < float(report["memory_mb"]) < 400.0
+    assert float(report["memory_mb"]) > 20.0
     assert tripod.pause(True)[0]
     assert spin_until(lambda: values(reports)["state"] == "paused")
 

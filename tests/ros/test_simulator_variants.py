@@ -47,6 +47,19 @@ def test_simulated_time_goes_to_clock_and_stamps_when_asked(start_robot: Any, sp
         assert robot.process.end() == 0
 
 
+def test_the_mid_mesh_takes_less_than_400_mb(start_robot: Any, spin_until: Any) -> None:
+    assert (
+        start_robot(robot="tripod_mid").process.end() == 0
+    )  # compiles kernels where they are not cached yet
+    robot = start_robot(robot="tripod_mid")
+    try:
+        reports = robot.client.collect(DiagnosticArray, "/diagnostics")
+        assert spin_until(lambda: reports)
+        assert 20.0 < float(diagnostic_values(reports[-1], "tripod/simulator")["memory_mb"]) < 400.0
+    finally:
+        assert robot.process.end() == 0
+
+
 OVERLOADED = """
 from softsim_core.scene import Scene
 from softsim_core.scene.description import Controller
