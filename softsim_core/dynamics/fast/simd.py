@@ -9,12 +9,21 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils as numba_cgutils
 
 from softsim_core.dynamics.fast.compile import intrinsic
 
-LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
+
+def _has_wide_vectors() -> bool:
+    """Whether kernels are compiled for AVX-512: on this processor, or as NUMBA_CPU_FEATURES says."""
+    wanted = getattr(config, "CPU_FEATURES", None)
+    if wanted is not None:
+        return "+avx512f" in wanted
+    return bool(llvm.get_host_cpu_features().get("avx512f", False))
+
+
+LANES = 8 if _has_wide_vectors() else 4
 """Numbers a vector holds; rows of panels and updates are padded to multiples of it."""
 
 ROWS = 4
