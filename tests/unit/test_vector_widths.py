@@ -23,20 +23,20 @@ for simulation in runs:
     for _ in range(30):
         simulation.step()
 fast, plain = runs
-print(LANES, np.abs(fast.positions - plain.positions).max(), np.abs(fast.von_mises() - plain.von_mises()).max())
+print(LANES, np.abs(fast.positions - plain.positions).max())
+print(np.abs(fast.von_mises() - plain.von_mises()).max())
 """
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names x86-64 processors")
-@pytest.mark.parametrize(("processor", "features"), [("haswell", "+avx,+avx2,+fma"), ("generic", "+sse2")])
-def test_narrow_vectors_give_the_same_motion(processor: str, features: str, tmp_path: Path) -> None:
+def test_narrow_vectors_give_the_same_motion(tmp_path: Path) -> None:
     pytest.importorskip("numba")
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         env={
             **os.environ,
-            "NUMBA_CPU_NAME": processor,
-            "NUMBA_CPU_FEATURES": features,
+            "NUMBA_CPU_NAME": "haswell",
+            "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma",
             "NUMBA_CACHE_DIR": str(tmp_path),
             "PYTHONPATH": str(Path(__file__).resolve().parents[2]),
         },
