@@ -97,7 +97,10 @@ class Simulation:
         self._drive.advance(self.time, self.dt)
         self._last_good.copy_from(self._state)
         inputs = Inputs(self._drive.positions, self.forces, self._drive.base_shift)
-        speed = self._stepper.step(self._state, inputs, self.parameters)
+        try:
+            speed = self._stepper.step(self._state, inputs, self.parameters)
+        except (RuntimeError, np.linalg.LinAlgError):  # SciPy's words for a matrix or strain beyond numbers
+            speed = math.nan
         if not speed < RUNAWAY_SPEED:  # also catches NaN
             self._refuse_step()
         self._steps += 1
@@ -344,7 +347,9 @@ def make_stepper(model: Model, backend: Backend) -> Stepper:
             from softsim_core.dynamics.fast.stepper import NumbaStepper
 
             return NumbaStepper(model)
-        except ImportError as error:
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
+                raise
             if backend == "numba":
                 raise SceneError(
                     "backend numba needs the package numba: pip install numba, or use scipy"

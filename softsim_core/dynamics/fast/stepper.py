@@ -68,14 +68,14 @@ def finish(
             change[b] = gap / h - velocities[b]
     solve_border(work.schur, known, change, work.scratch)
     solve_backward(tree, work)
-    speed = 0.0
+    speed, finite = 0.0, True
     for f in range(len(nodes.free)):
         node, place = nodes.free[f], nodes.unknown[f]
         for i in range(3):
             motion.velocities[node, i] += work.solution[place + i]
             motion.positions[node, i] += h * motion.velocities[node, i]
-            if not abs(motion.velocities[node, i]) <= speed:
-                speed = abs(motion.velocities[node, i])
+            speed = max(speed, abs(motion.velocities[node, i]))
+            finite = finite and motion.velocities[node, i] == motion.velocities[node, i]
     for j in range(joints):
         b = first + j
         if known[b]:
@@ -85,8 +85,8 @@ def finish(
             motion.joint_efforts[j] = impulse / h
     for b in range(size):
         velocities[b] += change[b]
-        if not abs(velocities[b]) <= speed:
-            speed = abs(velocities[b])
+        speed = max(speed, abs(velocities[b]))
+        finite = finite and velocities[b] == velocities[b]
     advance_border(h, motion)
     motion.base_shift[0] = base_shift
     for j in range(joints):
@@ -95,7 +95,7 @@ def finish(
         else:
             motion.joint_efforts[j] = border.stiffness[j] * (targets[j] - motion.joint_positions[j])
     place_zones(motion, border, nodes, work)
-    return speed
+    return speed if finite else np.nan
 
 
 @kernel
