@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -41,6 +42,7 @@ from softsim_ros.teleop.loop import ready_callbacks, run_teleop
 from softsim_ros.teleop.services import AsyncService
 from softsim_ros.teleop.simulator_link import SimulatorLink
 from softsim_ros.teleop.state import (
+    STALE_AFTER_S,
     BridgeState,
     TeleopState,
     with_command,
@@ -50,6 +52,8 @@ from softsim_ros.teleop.state import (
 from softsim_ros.teleop.terminal import RawTerminal
 
 DEFAULT_ROBOT = "tripod"
+HOLD_INTERVAL_S = 0.2
+"""On a robot without simulator the newest command is repeated after this long, in [s]."""
 _NEWEST_ONLY = QoSProfile(depth=1)  # reliable, volatile
 
 
@@ -57,9 +61,10 @@ class Teleop(ClosableNode):
     """Thin: parameters, topics and services; what a key does is decided in `commands`.
 
     Topics (relative to the robot's namespace): `position_controller/commands` out, and in again to see the
-    commands of others; `joint_states` in; warnings of the robot's nodes from `/rosout` in. Services called:
-    `simulator/start`, `simulator/reset`, `simulator/pause`, `inverse_controller/enable`, and the lifecycle
-    services of `servo_bridge`.
+    commands of others; `joint_states` in, or, on a robot without simulator, `applied_joint_states` of the
+    bridge, and then the newest command is repeated so that the bridge does not rest; warnings of the
+    robot's nodes from `/rosout` in. Services called: `simulator/start`, `simulator/reset`,
+    `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of `servo_bridge`.
 
     Args:
         robot: Joints, limits, poses and keys.
@@ -89,6 +94,9 @@ class Teleop(ClosableNode):
             Float64MultiArray, "position_controller/commands", self._on_command, _NEWEST_ONLY
         )
         self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
+        self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
+        self._joint_states_at = -math.inf
+        self._held_at = -math.inf
         self.create_subscription(Log, "/rosout", self._on_log, 10)
         self._start = AsyncService(self, Trigger, "simulator/start")
         self._reset = AsyncService(self, Trigger, "simulator/reset")
@@ -113,7 +121,8 @@ class Teleop(ClosableNode):
             self._carry_out(effect, now)
 
     def tick(self, now: float) -> None:
-        """Housekeeping a few times a second: the bridge's state, calls without an answer."""
+        """Housekeeping a few times a second: the bridge's state, calls without an answer, a held command."""
+        self._hold(now)
         self._bridge.poll(now)
         self._simulator.poll(now)
         for service in (self._start, self._reset, self._pause, self._inverse):
@@ -200,6 +209,28 @@ class Teleop(ClosableNode):
             self.state = replace(self.state, enforce_limits=enforced)
 
     def _on_joint_states(self, message: JointState) -> None:
+        self._joint_states_at = time.monotonic()
+        self._measure(message)
+
+    def _on_applied(self, message: JointState) -> None:
+        if self._is_bare(time.monotonic()):
+            self._measure(message)
+
+    def _is_bare(self, now: float) -> bool:
+        """Nobody measures joints: only what the bridge applied is known."""
+        return now - self._joint_states_at > STALE_AFTER_S
+
+    def _hold(self, now: float) -> None:
+        """On a bare robot, repeat the newest command: the bridge takes silence for the end of control."""
+        state = self.state
+        if self._is_bare(now) and state.bridge == "comm" and state.commanded and not state.inverse:
+            if now - self._held_at >= HOLD_INTERVAL_S:
+                self._held_at = now
+                self._commands.publish(Float64MultiArray(data=array("d", state.commanded)))
+        elif state.bridge != "comm" and self._is_bare(now):
+            self.state = replace(state, commanded=None)  # a new start begins where the servos are
+
+    def _measure(self, message: JointState) -> None:
         names = tuple(message.name)
         if names != self._joint_order[0]:
             self._joint_order = (names, self._order_of(names))

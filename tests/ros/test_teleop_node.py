@@ -282,6 +282,40 @@ def test_the_servo_bridge_is_started_and_stopped(
     quits_cleanly(teleop)
 
 
+@pytest.mark.slow
+def test_a_bare_robot_is_driven_from_what_its_bridge_applied(tmp_path: Path) -> None:
+    port = tmp_path / "board"
+    bridge_arguments = ["-p", f"port:={port}", "-p", "open_wait_s:=0.0", "-p", "source:=commands"]
+    with VirtualBoard(link=port) as board, (tmp_path / "bridge.txt").open("wb") as output:
+        bridge = subprocess.Popen(
+            [sys.executable, "-m", "servo_bridge.bridge_node", "--ros-args", *bridge_arguments],
+            cwd=REPOSITORY,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=with_repository(),
+            start_new_session=True,
+        )
+        try:
+            with TerminalSession(TELEOP) as session:
+                session.wait_for("servo bridge: init")
+                session.type(b"b")
+                session.wait_for("servo bridge: comm")
+                session.wait_for("-0.5061")  # byte 150, measured by nobody, applied by the bridge
+                session.type(b"q")
+                assert board.wait_for(lambda b: b.servo_bytes == (119, 119, 119))
+                sent = len(board.packets)  # longer than the bridge's patience: 2.5 s at 50 Hz
+                assert board.wait_for(lambda b: len(b.packets) >= sent + 125 or b.servo_bytes[0] != 119)
+                assert board.servo_bytes == (119, 119, 119)
+                session.type(b"\x1b[A")
+                assert board.wait_for(lambda b: b.servo_bytes[0] == 124)
+                session.type(b"x")
+                quits_cleanly(session)
+        finally:
+            bridge.kill()
+            bridge.wait()
+
+
 def wait_for_release() -> None:
     """A key counts as released when it is not seen for a moment."""
     threading.Event().wait(0.8)
