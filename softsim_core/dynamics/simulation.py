@@ -354,7 +354,7 @@ def make_stepper(model: Model, backend: Backend) -> Stepper:
                 raise SceneError(
                     "backend numba needs the package numba: pip install numba, or use scipy"
                 ) from error
-            warnings.warn(
-                "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=3
+            warnings.warn(  # stacklevel 1: Python shows a warning once a place, so this one once a process
+                "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=1
             )
     return ScipyStepper(model)
