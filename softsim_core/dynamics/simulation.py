@@ -6,6 +6,7 @@ import hashlib
 import math
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from time import perf_counter
 
 import numpy as np
@@ -354,7 +355,12 @@ def make_stepper(model: Model, backend: Backend) -> Stepper:
                 raise SceneError(
                     "backend numba needs the package numba: pip install numba, or use scipy"
                 ) from error
-            warnings.warn(  # stacklevel 1: Python shows a warning once a place, so this one once a process
-                "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=1
-            )
+            _say_that_numba_is_missing()
     return ScipyStepper(model)
+
+
+@cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings
+def _say_that_numba_is_missing() -> None:
+    warnings.warn(
+        "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=4
+    )
