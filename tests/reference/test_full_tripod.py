@@ -78,7 +78,7 @@ def test_settled_poses_node_by_node(reference_dir: Path, level: str, pose: str) 
 
 
 @pytest.mark.parametrize("name", POSES)
-@pytest.mark.parametrize("level", ["low", "mid"])
+@pytest.mark.parametrize("level", ["low", pytest.param("mid", marks=pytest.mark.slow)])
 def test_poses_of_the_independent_computation(reference_dir: Path, level: str, name: str) -> None:
     poses = json.loads((reference_dir / "data" / "fixtures" / "tripod_reference_poses.json").read_text())[
         level
