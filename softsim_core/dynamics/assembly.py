@@ -7,7 +7,12 @@ import scipy.sparse as sp
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.stepper import joint_stiffness
-from softsim_core.fem.corotational import element_rotations, stresses
+from softsim_core.fem.corotational import (
+    element_rotations,
+    exact_tangent_blocks,
+    stiffness_blocks,
+    stresses,
+)
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -85,3 +90,47 @@ def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
             values.append(screws.jacobian(int(k), state.positions[zone.nodes]).ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sp.csr_matrix(entries, shape=(3 * len(model.rest), unknowns.size))
+
+
+def static_forces(model: Model, state: State, lame: Array, external: Array) -> Array:
+    """All forces on nodes at rest in [N], shape (n, 3): elastic, weight, soft fixings, external (n, 3)."""
+    rotated = rotated_gradients(model, state.positions)
+    forces = external + model.mass[:, None] * model.gravity
+    forces += elastic_forces(model, state.positions, rotated, lame)
+    return np.asarray(forces - model.spring[:, None] * (state.positions - model.rest))
+
+
+def node_stiffness(model: Model, state: State, lame: Array, warped: bool = False) -> sp.csr_matrix:
+    """Tangent -df/dx on the nodes, shape (3 n, 3 n): exact, or `warped` with frozen element rotations."""
+    volumes, moduli = model.elements.volumes, lame[model.element_body]
+    if warped:
+        blocks = stiffness_blocks(rotated_gradients(model, state.positions), volumes, moduli)
+    else:
+        corners = state.positions[model.elements.nodes]
+        blocks = exact_tangent_blocks(corners, model.elements.gradients, volumes, moduli, model.law)
+    return sparse_of_blocks(model, blocks) + sp.diags(np.repeat(model.spring, 3))
+
+
+def static_tangent(
+    model: Model, at: Unknowns, state: State, forces: Array, stiffness: sp.csr_matrix
+) -> sp.csr_matrix:
+    """J^T K J - (dJ^T/dq) f + drive springs on all unknowns, sparse, shape (d, d).
+
+    Args:
+        model: The model.
+        at: Its unknowns.
+        state: Where the tangent is taken.
+        forces: Forces on the nodes there in [N], see `static_forces`.
+        stiffness: See `node_stiffness`.
+    """
+    mapping, screws = jacobian(model, at, state), model.screws(state)
+    border = np.zeros((model.border_size, model.border_size))
+    for zone in model.zones:
+        lever = state.positions[zone.nodes] - screws.origin[zone.border[-1]]
+        product = lever.T @ forces[zone.nodes]
+        turned = 0.5 * (product + product.T) - np.trace(product) * np.eye(3)
+        angular = screws.angular[zone.border]
+        border[np.ix_(zone.border, zone.border)] -= angular @ turned @ angular.T
+    border[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
+    empty = sp.csr_matrix((at.first_border, at.first_border))
+    return (mapping.T @ stiffness @ mapping + sp.block_diag((empty, border))).tocsr()

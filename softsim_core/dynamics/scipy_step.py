@@ -14,8 +14,11 @@ from softsim_core.dynamics.assembly import (
     Unknowns,
     elastic_forces,
     jacobian,
+    node_stiffness,
     rotated_gradients,
     sparse_of_blocks,
+    static_forces,
+    static_tangent,
 )
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.fem.corotational import stiffness_blocks, stresses, von_mises
@@ -72,6 +75,19 @@ class ScipyStepper:
         rotated = rotated_gradients(model, state.positions)
         corners = state.positions[model.elements.nodes]
         return von_mises(stresses(corners, rotated, parameters.lame[model.element_body]))
+
+    def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
+        """See Stepper."""
+        at, model = self._unknowns, self.model
+        loads = static_forces(model, state, parameters.lame, forces)
+        stiffness = node_stiffness(model, state, parameters.lame)
+        tangent = static_tangent(model, at, state, loads, stiffness).tocsc()
+        free, border = slice(0, at.first_border), slice(at.first_border, at.size)
+        coupling = tangent[free, border].toarray()
+        condensed = tangent[border, border].toarray()
+        if at.first_border:
+            condensed = condensed - tangent[border, free] @ factorised(tangent[free, free]).solve(coupling)
+        return np.asarray(0.5 * (condensed + condensed.T))
 
     def system(self, state: State, inputs: Inputs, parameters: Parameters) -> tuple[sp.csc_matrix, Array]:
         """Matrix A and right-hand side b over free nodes, frames and joints (prescribed ones too).

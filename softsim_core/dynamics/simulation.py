@@ -314,6 +314,13 @@ class Simulation:
         """Vertices of the visual surfaces at rest, in [m], shape (p, 3)."""
         return self._surface.rest_points
 
+    def border_stiffness(self) -> Array:
+        """Static stiffness of frames and joints at the present state, shape (b, b).
+
+        Free frames come first (velocity, then spin: six each), then joints; see Stepper.border_stiffness.
+        """
+        return self._stepper.border_stiffness(self._state, self.parameters, self.forces)
+
     def von_mises(self) -> Array:
         """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
         stress = self._stepper.von_mises(self._state, self.parameters)

@@ -24,15 +24,15 @@ import scipy.sparse as sp
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import (
     Unknowns,
-    elastic_forces,
     jacobian,
-    rotated_gradients,
-    sparse_of_blocks,
+    node_stiffness,
+    static_forces,
+    static_tangent,
 )
 from softsim_core.dynamics.scipy_step import factorised
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.errors import NotConvergedError
-from softsim_core.fem.corotational import deformation_gradients, exact_tangent_blocks, stiffness_blocks
+from softsim_core.fem.corotational import deformation_gradients
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
@@ -213,45 +213,22 @@ class _Problem:
     def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
         """Generalised forces (d,) at a fraction of the load, and node forces (n, 3) in [N]."""
         model, at = self.model, self.at
-        rotated = rotated_gradients(model, state.positions)
-        forces = self.inputs.forces + model.mass[:, None] * model.gravity
-        forces += elastic_forces(model, state.positions, rotated, self.parameters.lame)
-        forces -= model.spring[:, None] * (state.positions - model.rest)
+        forces = static_forces(model, state, self.parameters.lame, self.inputs.forces)
         residual = jacobian(model, at, state).T @ forces.ravel()
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 
     def _stiffness(self, state: State, warped: bool = False) -> sp.csr_matrix:
         """Exact tangent -df/dx on the nodes, shape (3 n, 3 n)."""
-        model = self.model
-        corners = state.positions[model.elements.nodes]
-        if warped:
-            blocks = stiffness_blocks(
-                rotated_gradients(model, state.positions), model.elements.volumes, self.lame
-            )
-        else:
-            blocks = exact_tangent_blocks(
-                corners, model.elements.gradients, model.elements.volumes, self.lame, model.law
-            )
-        return sparse_of_blocks(model, blocks) + sp.diags(np.repeat(model.spring, 3))
+        return node_stiffness(self.model, state, self.parameters.lame, warped)
 
     def _factors(self, state: State, forces: Array, fraction: float, warped: bool = False) -> Any:
         """Factorised tangent of the residual on the unknowns that are solved for."""
-        at, model = self.at, self.model
-        mapping, screws = jacobian(model, at, state), model.screws(state)
-        border = np.zeros((model.border_size, model.border_size))
-        for zone in model.zones:
-            lever = state.positions[zone.nodes] - screws.origin[zone.border[-1]]
-            product = lever.T @ forces[zone.nodes]
-            turned = 0.5 * (product + product.T) - np.trace(product) * np.eye(3)
-            angular = screws.angular[zone.border]
-            border[np.ix_(zone.border, zone.border)] -= angular @ turned @ angular.T
-        border[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
-        matrix = mapping.T @ self._stiffness(state, warped) @ mapping
-        matrix += sp.block_diag((sp.csr_matrix((at.first_border, at.first_border)), border))
+        at = self.at
+        matrix = static_tangent(self.model, at, state, forces, self._stiffness(state, warped))
         self.iterations += 1
         try:
-            return factorised(matrix.tocsr()[at.solved][:, at.solved])
+            return factorised(matrix[at.solved][:, at.solved])
         except RuntimeError:  # exactly singular
             residual, _ = self._residual(state, fraction)
             raise self._failure(SINGULAR, fraction, residual) from None

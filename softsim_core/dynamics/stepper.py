@@ -70,6 +70,17 @@ class Stepper(Protocol):
         """Von Mises stress of each element in [Pa], shape (m,); elements of one rigid zone have none."""
         ...
 
+    def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
+        """Static stiffness of frames and joints, the free nodes following in equilibrium.
+
+        S = K_bb - K_bi K_ii^-1 K_ib of the exact static tangent at `state`, with the stiffness of the drives
+        and the turning of the loads (mass weight and `forces` (n, 3) in [N]) included; symmetric.
+
+        Returns:
+            Shape (b, b): [N/m], [N/rad], [N m/rad]; order as Model numbers the border unknowns.
+        """
+        ...
+
 
 def joint_stiffness(model: Model) -> Array:
     """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""

@@ -43,7 +43,10 @@ def warm_up() -> float:
     from softsim_core.dynamics.simulation import Simulation
 
     started = perf_counter()
-    Simulation(small_scene(), backend="numba").step()
+    simulation = Simulation(small_scene(), backend="numba")
+    simulation.step()
+    simulation.von_mises()
+    simulation.border_stiffness()
     return perf_counter() - started
 
 

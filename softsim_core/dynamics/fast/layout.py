@@ -143,7 +143,7 @@ class Work(NamedTuple):
         zone_origins, zone_rotations: Frames of the zones, shapes (zones, 3), (zones, 3, 3).
         deformation, rotations: Of one batch, shapes (9, LANES), (10, LANES).
         rotated: Rotated gradients of one batch, shape (4 LANES, 4), the fourth column zero.
-        one, two: Shape (3, 3).
+        one, two, three: Shape (3, 3).
     """
 
     panels: Array
@@ -165,3 +165,4 @@ class Work(NamedTuple):
     rotated: Array
     one: Array
     two: Array
+    three: Array

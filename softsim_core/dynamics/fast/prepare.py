@@ -159,6 +159,7 @@ def _work(model: Model, layout: Plan) -> Work:
         rotated=np.zeros((4 * LANES, 4)),
         one=np.zeros((3, 3)),
         two=np.zeros((3, 3)),
+        three=np.zeros((3, 3)),
     )
 
 

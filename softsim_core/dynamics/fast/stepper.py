@@ -21,6 +21,8 @@ from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, pla
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
 from softsim_core.dynamics.fast.prepare import prepare, set_moduli
 from softsim_core.dynamics.fast.simd import steady_seconds
+from softsim_core.dynamics.fast.tangent import assemble_tangent
+from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
@@ -154,6 +156,25 @@ class NumbaStepper:
         for elements, ids in ((all_.free, all_.free_ids), (all_.mixed, all_.mixed_ids)):
             von_mises_stress(state.positions, self._polar, elements, ids, moduli, all_.work, result)
         return result
+
+    def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
+        """See Stepper."""
+        model, all_ = self.model, self._prepared
+        if self._polar:
+            self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
+            motion = Motion(*(getattr(state, name) for name in Motion._fields))
+            loads = forces + self._weight
+            if self._soft:
+                loads -= model.spring[:, None] * (state.positions - model.rest)
+            assemble_tangent(
+                motion, loads, model.spring, all_.border, all_.free, all_.mixed, all_.nodes, all_.work
+            )
+            factor(all_.tree, all_.work)
+            upper = np.triu(all_.work.schur[:, :-1])
+            if np.isfinite(upper).all():
+                return np.asarray(upper + np.triu(upper, 1).T)
+        # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
+        return ScipyStepper(model).border_stiffness(state, parameters, forces)
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
         """Take over tunable parameters when they have changed."""
