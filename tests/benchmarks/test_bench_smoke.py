@@ -42,12 +42,14 @@ def quick_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[dict[
     return done.stdout, json.loads(file.read_text())
 
 
+@pytest.mark.slow
 def test_bench_tells_machine_threads_and_verdicts(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     printed, _ = quick_run
     for word in ("cores", "Python", "numpy", "scipy", "one thread", "min ms", "median ms", "verdict"):
         assert word in printed
 
 
+@pytest.mark.slow
 def test_bench_json_has_the_fixed_keys_first(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     _, records = quick_run
     assert {(each["scene"], each["mesh"]) for each in records} == {("held_centre", "low"), ("tripod", "low")}
@@ -58,6 +60,7 @@ def test_bench_json_has_the_fixed_keys_first(quick_run: tuple[str, list[dict[str
         assert each["elements"] > 500
 
 
+@pytest.mark.slow
 def test_ratios_are_sane(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     pytest.importorskip("numba")
     _, records = quick_run
