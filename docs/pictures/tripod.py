@@ -1,4 +1,4 @@
-"""Make docs/pictures/tripod.png: the Tripod at rest, in its start pose and in its high pose, stress in colour.
+"""Make docs/pictures/tripod.png: the Tripod at rest, in its start pose and its high pose, stress in colour.
 
 Run from the checkout: `pip install matplotlib` once, then `python docs/pictures/tripod.py`.
 """
@@ -53,7 +53,9 @@ def main() -> None:
     """Simulate, draw, save."""
     simulation = Simulation(load_scene("tripod_high"))
     figure = plt.figure(figsize=(10, 3.0), dpi=120)
-    for column, (title, pose) in enumerate((("rest", None), ("key A: start", "start"), ("key Z: high", "high"))):
+    for column, (title, pose) in enumerate(
+        (("rest", None), ("key A: start", "start"), ("key Z: high", "high"))
+    ):
         if pose == "start":
             simulation.start_animation()
         elif pose is not None:
