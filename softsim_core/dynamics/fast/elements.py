@@ -96,14 +96,14 @@ def add_border_column(
 
     K_ab J = lam h_a (h_b . J) + mu h_b (h_a . J) + mu (h_a . h_b) J.
     """
-    h, jacobian = work.rotated[4 * lane : 4 * lane + 4], work.jacobian
+    h, jacobian, r = work.rotated, work.jacobian, 4 * lane
     k = nodes.border[z, q]
     free, moving = elements.counts[e, 0], elements.counts[e, 1]
     j0, j1, j2 = jacobian[z, q, 0], jacobian[z, q, 1], jacobian[z, q, 2]
-    b0, b1, b2 = h[b, 0], h[b, 1], h[b, 2]
+    b0, b1, b2 = h[r + b, 0], h[r + b, 1], h[r + b, 2]
     along_b = lam * (b0 * j0 + b1 * j1 + b2 * j2)
     for a in range(free + moving):
-        a0, a1, a2 = h[a, 0], h[a, 1], h[a, 2]
+        a0, a1, a2 = h[r + a, 0], h[r + a, 1], h[r + a, 2]
         along_a, both = mu * (a0 * j0 + a1 * j1 + a2 * j2), mu * (a0 * b0 + a1 * b1 + a2 * b2)
         c0 = along_b * a0 + along_a * b0 + both * j0
         c1 = along_b * a1 + along_a * b1 + both * j1

@@ -143,7 +143,8 @@ class Work(NamedTuple):
         zone_origins, zone_rotations: Frames of the zones, shapes (zones, 3), (zones, 3, 3).
         deformation, rotations: Of one batch, shapes (9, LANES), (10, LANES).
         rotated: Rotated gradients of one batch, shape (4 LANES, 4), the fourth column zero.
-        one, two, three: Shape (3, 3).
+        turns: How the forces of one element turn with its nodes, shape (12, 4).
+        one, two: Shape (3, 3).
     """
 
     panels: Array
@@ -163,6 +164,6 @@ class Work(NamedTuple):
     deformation: Array
     rotations: Array
     rotated: Array
+    turns: Array
     one: Array
     two: Array
-    three: Array

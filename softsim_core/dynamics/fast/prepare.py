@@ -157,9 +157,9 @@ def _work(model: Model, layout: Plan) -> Work:
         deformation=np.zeros((9, LANES)),
         rotations=np.zeros((10, LANES)),
         rotated=np.zeros((4 * LANES, 4)),
+        turns=np.zeros((12, 4)),
         one=np.zeros((3, 3)),
         two=np.zeros((3, 3)),
-        three=np.zeros((3, 3)),
     )
 
 

@@ -243,6 +243,48 @@ def add_block(
 
 
 @intrinsic
+def add_tangent_block(
+    typing: Any, panels: Any, start: Any, stride: Any, h: Any, a: Any, b: Any, lam: Any, mu: Any,
+    turns: Any, n: Any,
+) -> Any:  # fmt: skip
+    """Add a block of the exact tangent to three panel rows.
+
+    Row i: 2 mu (h_a . h_b) [i = j] + lam h_ai h_bj + (h_a x T)_ij with T = rows n, n + 1, n + 2 of `turns`; h and
+    `turns` have rows of four, the fourth number zero.
+    """
+    integers, real = (types.int64,) * 2, types.float64
+    signature = types.void(panels, *integers, h, *integers, real, real, turns, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        v = Vectors(context, builder, 4)
+        values, gradients = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
+        rows_of_t = v.data(signature.args[8], args[8])
+        _, start, stride, _, a, b, lam, mu, _, n = args
+        integer = start.type
+        at_a = v.at(gradients, builder.mul(a, integer(4)))
+        ha, hb = v.load(at_a), v.load(v.at(gradients, builder.mul(b, integer(4))))
+        t = [v.load(v.at(rows_of_t, builder.mul(builder.add(n, integer(i)), integer(4)))) for i in range(3)]
+        product = v.multiply(ha, hb)
+        numbers = [builder.extract_element(product, ir.Constant(ir.IntType(32), i)) for i in range(3)]
+        dot = builder.fadd(builder.fadd(numbers[0], numbers[1], flags=_FAST), numbers[2], flags=_FAST)
+        both = v.splat(builder.fmul(dot, builder.fadd(mu, mu)))
+        lam_b = v.multiply(v.splat(lam), hb)
+        component = [v.splat(builder.load(v.at(at_a, integer(i)))) for i in range(3)]
+        for i in range(3):
+            unit = ir.Constant(v.type, [_DOUBLE(1.0 if i == j else 0.0) for j in range(4)])
+            goal = v.at(values, builder.add(start, builder.mul(stride, integer(i))))
+            row = v.add(v.load(goal), v.multiply(both, unit))
+            row = v.add(row, v.multiply(component[i], lam_b))
+            after, before = (i + 1) % 3, (i + 2) % 3
+            row = v.add(row, v.multiply(component[after], t[before]))
+            row = v.subtract(row, v.multiply(component[before], t[after]))
+            v.store(row, goal)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
 def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
     """sum_k a[i + k] b[j + k], k < count."""
     signature = types.float64(a, types.int64, b, types.int64, types.int64)

@@ -9,27 +9,25 @@ Source: Kim and Eberle 2022, Dynamic deformables (eigensystem of corotational en
 
 from __future__ import annotations
 
-import numpy as np
-
 from softsim_core.arrays import Array
 from softsim_core.dynamics.fast.compile import inlined, kernel
 from softsim_core.dynamics.fast.elements import rotate_and_push
 from softsim_core.dynamics.fast.kinematics import jacobians, screws
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Work
-from softsim_core.dynamics.fast.simd import LANES
+from softsim_core.dynamics.fast.simd import LANES, add_tangent_block
 
 
 @inlined
-def tangent_blocks(x: Array, elements: Elements, batch: int, lane: int, work: Work, k: Array) -> None:
-    """Blocks K_ab of one element into k (4, 4, 3, 3); its rotated gradients are in work.rotated."""
-    h = work.rotated[4 * lane : 4 * lane + 4]
+def element_turns(x: Array, elements: Elements, batch: int, lane: int, work: Work) -> None:
+    """T_b = gamma M^-1 [h_b]x of one element into rows 3 b .. 3 b + 2 of work.turns (12, 4)."""
+    h, r = work.rotated, 4 * lane
     lam, mu = elements.lame[batch, 0, lane], elements.lame[batch, 1, lane]
-    s, m, n = work.one, work.two, work.three
+    s, m = work.one, work.two
     for i in range(3):
         for j in range(3):
             s[i, j] = 0.0
             for a in range(4):
-                s[i, j] += x[elements.nodes[batch, a, lane], i] * h[a, j]
+                s[i, j] += x[elements.nodes[batch, a, lane], i] * h[r + a, j]
     trace = s[0, 0] + s[1, 1] + s[2, 2]
     a00, a11, a22 = trace - s[0, 0], trace - s[1, 1], trace - s[2, 2]
     a01, a02, a12 = -0.5 * (s[0, 1] + s[1, 0]), -0.5 * (s[0, 2] + s[2, 0]), -0.5 * (s[1, 2] + s[2, 1])
@@ -39,76 +37,87 @@ def tangent_blocks(x: Array, elements: Elements, batch: int, lane: int, work: Wo
     m[1, 0], m[1, 1], m[1, 2] = m[0, 1], gamma * (a00 * a22 - a02 * a02), gamma * (a01 * a02 - a00 * a12)
     m[2, 0], m[2, 1], m[2, 2] = m[0, 2], m[1, 2], gamma * (a00 * a11 - a01 * a01)
     for b in range(4):
-        b0, b1, b2 = h[b, 0], h[b, 1], h[b, 2]
-        for i in range(3):  # gamma M^-1 [h_b]x
-            n[i, 0] = m[i, 1] * b2 - m[i, 2] * b1
-            n[i, 1] = m[i, 2] * b0 - m[i, 0] * b2
-            n[i, 2] = m[i, 0] * b1 - m[i, 1] * b0
-        for a in range(b + 1):
-            h0, h1, h2 = h[a, 0], h[a, 1], h[a, 2]
-            both = 2.0 * mu * (h0 * b0 + h1 * b1 + h2 * b2)
-            for j in range(3):
-                along = lam * h[b, j]
-                k[a, b, 0, j] = along * h0 + h1 * n[2, j] - h2 * n[1, j]
-                k[a, b, 1, j] = along * h1 + h2 * n[0, j] - h0 * n[2, j]
-                k[a, b, 2, j] = along * h2 + h0 * n[1, j] - h1 * n[0, j]
-                k[a, b, j, j] += both
-            for i in range(3):
-                for j in range(3):
-                    k[b, a, j, i] = k[a, b, i, j]
+        for i in range(3):
+            row = 3 * b + i
+            work.turns[row, 0] = m[i, 1] * h[r + b, 2] - m[i, 2] * h[r + b, 1]
+            work.turns[row, 1] = m[i, 2] * h[r + b, 0] - m[i, 0] * h[r + b, 2]
+            work.turns[row, 2] = m[i, 0] * h[r + b, 1] - m[i, 1] * h[r + b, 0]
 
 
 @inlined
-def add_element(
-    elements: Elements, batch: int, lane: int, e: int, k: Array, nodes: Nodes, work: Work
-) -> None:
+def add_element(elements: Elements, batch: int, lane: int, e: int, nodes: Nodes, work: Work) -> None:
     """Add the blocks of element e to the panels, and those of zone nodes to the border."""
     free, moving = elements.counts[e, 0], elements.counts[e, 1]
+    lam, mu = elements.lame[batch, 0, lane], elements.lame[batch, 1, lane]
     pair = 0
     for a in range(free):
         for b in range(a, free):
-            for i in range(3):
-                for j in range(3):
-                    work.panels[elements.starts[e, pair] + i * elements.strides[e, a] + j] += k[a, b, i, j]
+            start, stride = elements.starts[e, pair], elements.strides[e, a]
+            add_tangent_block(
+                work.panels,
+                start,
+                stride,
+                work.rotated,
+                4 * lane + a,
+                4 * lane + b,
+                lam,
+                mu,
+                work.turns,
+                3 * b,
+            )
             pair += 1
     for b in range(free, free + moving):
         z = nodes.zone_number[elements.nodes[batch, b, lane]]
         for q in range(nodes.size[z]):
-            unknown = nodes.border[z, q]
-            j0, j1, j2 = work.jacobian[z, q, 0], work.jacobian[z, q, 1], work.jacobian[z, q, 2]
-            for a in range(free + moving):
-                c0 = k[a, b, 0, 0] * j0 + k[a, b, 0, 1] * j1 + k[a, b, 0, 2] * j2
-                c1 = k[a, b, 1, 0] * j0 + k[a, b, 1, 1] * j1 + k[a, b, 1, 2] * j2
-                c2 = k[a, b, 2, 0] * j0 + k[a, b, 2, 1] * j1 + k[a, b, 2, 2] * j2
-                if a < free:
-                    stride = elements.strides[e, a]
-                    column = nodes.border_column[elements.starts[e, 14 + a], unknown]
-                    place = elements.starts[e, 10 + a] + column
-                    work.panels[place] += c0
-                    work.panels[place + stride] += c1
-                    work.panels[place + 2 * stride] += c2
-                else:
-                    y = nodes.zone_number[elements.nodes[batch, a, lane]]
-                    for p in range(nodes.size[y]):
-                        other = nodes.border[y, p]
-                        if other <= unknown:
-                            work.schur[other, unknown] += (
-                                work.jacobian[y, p, 0] * c0
-                                + work.jacobian[y, p, 1] * c1
-                                + work.jacobian[y, p, 2] * c2
-                            )
+            add_border_tangent(elements, batch, lane, e, b, z, q, nodes, work)
+
+
+@inlined
+def add_border_tangent(
+    elements: Elements, batch: int, lane: int, e: int, b: int, z: int, q: int, nodes: Nodes, work: Work
+) -> None:
+    """K_ab J for zone node b (number z) of element e, the q-th border unknown of that node and all a."""
+    h, t, r, n = work.rotated, work.turns, 4 * lane, 3 * b
+    lam, mu = elements.lame[batch, 0, lane], elements.lame[batch, 1, lane]
+    free, moving = elements.counts[e, 0], elements.counts[e, 1]
+    unknown = nodes.border[z, q]
+    j0, j1, j2 = work.jacobian[z, q, 0], work.jacobian[z, q, 1], work.jacobian[z, q, 2]
+    b0, b1, b2 = h[r + b, 0], h[r + b, 1], h[r + b, 2]
+    along = lam * (b0 * j0 + b1 * j1 + b2 * j2)
+    t0 = t[n, 0] * j0 + t[n, 1] * j1 + t[n, 2] * j2
+    t1 = t[n + 1, 0] * j0 + t[n + 1, 1] * j1 + t[n + 1, 2] * j2
+    t2 = t[n + 2, 0] * j0 + t[n + 2, 1] * j1 + t[n + 2, 2] * j2
+    for a in range(free + moving):
+        a0, a1, a2 = h[r + a, 0], h[r + a, 1], h[r + a, 2]
+        both = 2.0 * mu * (a0 * b0 + a1 * b1 + a2 * b2)
+        c0 = both * j0 + along * a0 + a1 * t2 - a2 * t1
+        c1 = both * j1 + along * a1 + a2 * t0 - a0 * t2
+        c2 = both * j2 + along * a2 + a0 * t1 - a1 * t0
+        if a < free:
+            stride, supernode = elements.strides[e, a], elements.starts[e, 14 + a]
+            place = elements.starts[e, 10 + a] + nodes.border_column[supernode, unknown]
+            work.panels[place] += c0
+            work.panels[place + stride] += c1
+            work.panels[place + 2 * stride] += c2
+        else:
+            y = nodes.zone_number[elements.nodes[batch, a, lane]]
+            for p in range(nodes.size[y]):
+                other = nodes.border[y, p]
+                if other <= unknown:
+                    work.schur[other, unknown] += work.jacobian[y, p, 0] * c0
+                    work.schur[other, unknown] += work.jacobian[y, p, 1] * c1
+                    work.schur[other, unknown] += work.jacobian[y, p, 2] * c2
 
 
 @kernel
 def add_elements(x: Array, elements: Elements, nodes: Nodes, work: Work) -> None:
     """Forces and tangent of all elements of a kind."""
-    k = np.empty((4, 4, 3, 3))
     for batch in range(len(elements.nodes)):
         rotate_and_push(x, True, elements, batch, work)
         first = batch * LANES
         for lane in range(min(LANES, len(elements.starts) - first)):
-            tangent_blocks(x, elements, batch, lane, work, k)
-            add_element(elements, batch, lane, first + lane, k, nodes, work)
+            element_turns(x, elements, batch, lane, work)
+            add_element(elements, batch, lane, first + lane, nodes, work)
 
 
 @kernel
