@@ -249,8 +249,8 @@ def add_tangent_block(
 ) -> Any:  # fmt: skip
     """Add a block of the exact tangent to three panel rows.
 
-    Row i: 2 mu (h_a . h_b) [i = j] + lam h_ai h_bj + (h_a x T)_ij with T = rows n, n + 1, n + 2 of `turns`; h and
-    `turns` have rows of four, the fourth number zero.
+    Row i: 2 mu (h_a . h_b) [i = j] + lam h_ai h_bj + (h_a x T)_ij with T = rows n, n + 1, n + 2 of `turns`;
+    h and `turns` have rows of four, the fourth number zero.
     """
     integers, real = (types.int64,) * 2, types.float64
     signature = types.void(panels, *integers, h, *integers, real, real, turns, types.int64)
