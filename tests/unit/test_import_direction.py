@@ -22,6 +22,7 @@ ROS = (
     "launch",
     "launch_ros",
     "lifecycle_msgs",
+    "nav_msgs",
     "rcl_interfaces",
     "rosgraph_msgs",
     "sensor_msgs",

@@ -1,0 +1,1 @@
+"""Inverse control: effector goals to joint commands, effector paths, the closed loop on tilts."""

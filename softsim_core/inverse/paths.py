@@ -1,0 +1,169 @@
+"""Timed paths of the effector: poses at key times, straight lines and shortest turns in between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError
+from softsim_core.inverse.tilts import tilt_rotation
+from softsim_core.mechanics.pose import Pose, quaternion_of
+from softsim_core.units import MILLIMETRE
+
+MAZE_SPACING_S = 0.5
+"""Time between two pairs of a maze plan in [s]."""
+
+MAZE_LIFT_M = 20.0 * MILLIMETRE
+"""How far the plate rises above its start during the first interval of a maze plan, in [m]."""
+
+MAZE_SAMPLE_S = 0.01
+"""Spacing of a maze path's key poses in [s]: the angles are linear in time, not the turns in between."""
+
+UNIT_WITHIN = 0.01
+"""A quaternion whose length is further from 1 than this is refused; smaller errors are normalised."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectorPath:
+    """Key poses in time; before the first and after the last one the path stays there.
+
+    Attributes:
+        times: Seconds after the start, shape (p,), p >= 1, finite, >= 0 and strictly increasing.
+        positions: Positions in [m], shape (p, 3), finite.
+        quaternions: Unit quaternions (x, y, z, w), shape (p, 4), neighbours on the same half sphere.
+
+    Raises:
+        CommandError: anything else; names the first wrong row (counted from 0).
+    """
+
+    times: Array
+    positions: Array
+    quaternions: Array
+
+    def __init__(self, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> None:
+        times, positions, quaternions = (
+            _floats(name, values)
+            for name, values in (("times", times), ("positions", positions), ("quaternions", quaternions))
+        )
+        _check(times, positions, quaternions)
+        quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        turns_back = (quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0
+        quaternions[1:] *= np.where(np.cumsum(turns_back) % 2, -1.0, 1.0)[:, None]
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "quaternions", quaternions)
+
+    @property
+    def duration(self) -> float:
+        """Time of the last key pose in [s]."""
+        return float(self.times[-1])
+
+    def sample(self, time: float) -> Pose:
+        """Pose at `time` in [s]: position linear, orientation by the shortest turn at constant speed."""
+        at = float(np.clip(time, self.times[0], self.times[-1]))
+        after = int(np.clip(np.searchsorted(self.times, at, side="right"), 1, max(len(self.times) - 1, 1)))
+        if len(self.times) == 1:
+            return Pose(self.positions[0].copy(), self.quaternions[0].copy())
+        t0, t1 = self.times[after - 1 : after + 1]
+        part = (at - t0) / (t1 - t0)
+        position = (1.0 - part) * self.positions[after - 1] + part * self.positions[after]
+        return Pose(position, slerp(self.quaternions[after - 1], self.quaternions[after], part))
+
+    def is_over(self, time: float) -> bool:
+        """Whether the last key pose is reached at `time` in [s] (a nanosecond of rounding is forgiven)."""
+        return time >= self.duration - 1e-9
+
+
+def slerp(first: Array, second: Array, part: float) -> Array:
+    """Unit quaternion between two unit quaternions (x, y, z, w): the shorter turn, `part` in 0..1 of it.
+
+    Source: Shoemake 1985.
+    """
+    cosine = float(first @ second)
+    if cosine < 0.0:
+        second, cosine = -second, -cosine
+    angle = np.arctan2(np.linalg.norm(second - cosine * first), cosine)
+    if angle < 1e-9:
+        mixed = (1.0 - part) * first + part * second
+    else:
+        mixed = (np.sin((1.0 - part) * angle) * first + np.sin(part * angle) * second) / np.sin(angle)
+    return np.asarray(mixed / np.linalg.norm(mixed))
+
+
+def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> EffectorPath:
+    """The path of a maze plan: the plate rises by 20 mm in the first half second, then tilts.
+
+    Key points are 0.5 s apart: level at the start, then pair after pair; angles and height are linear in time
+    in between, and the last pair is held.
+
+    Args:
+        pairs: Pairs of angles in [rad], shape (k, 2), k >= 1, about x and z of a frame in which y is
+            up there, and its (x, y, z) are our (y, z, x). So the first angle of a pair is our tilt_y, the
+            second our tilt_x, and Rz(second) Rx(first) there is Rx(tilt_x) Ry(tilt_y) here.
+        start: Position of the effector at the start in [m], shape (3,).
+
+    Raises:
+        CommandError: not k >= 1 pairs of finite numbers.
+    """
+    angles, origin = _floats("pairs", pairs), _floats("start", start)
+    if angles.ndim != 2 or angles.shape[1:] != (2,) or len(angles) == 0 or origin.shape != (3,):
+        raise _refused(
+            "a maze plan needs one or more pairs of angles and a start (3,), "
+            f"not shapes {angles.shape} and {origin.shape}"
+        )
+    if not (np.isfinite(angles).all() and np.isfinite(origin).all()):
+        raise _refused("an angle of the maze plan, or its start, is not a finite number")
+    key_times = MAZE_SPACING_S * np.arange(len(angles) + 1)
+    samples = round(MAZE_SPACING_S / MAZE_SAMPLE_S) * len(angles) + 1
+    times = np.linspace(0.0, key_times[-1], samples)
+    padded = np.vstack([np.zeros(2), angles])
+    tilt_y, tilt_x = (np.interp(times, key_times, column) for column in padded.T)
+    positions = np.tile(origin, (samples, 1))
+    positions[:, 2] += np.interp(times, key_times[:2], (0.0, MAZE_LIFT_M))
+    turns = [quaternion_of(tilt_rotation(x, y)) for x, y in zip(tilt_x, tilt_y, strict=True)]
+    return EffectorPath(times, positions, turns)
+
+
+def _check(times: Array, positions: Array, quaternions: Array) -> None:
+    count = len(times) if times.ndim == 1 else 0
+    if count == 0:
+        raise _refused("it has no poses; expected at least one time with a pose")
+    if positions.shape != (count, 3) or quaternions.shape != (count, 4):
+        raise _refused(
+            f"positions of shape {positions.shape} and quaternions of shape {quaternions.shape} "
+            f"do not fit {count} times"
+        )
+    for name, table in (("time", times[:, None]), ("position", positions), ("quaternion", quaternions)):
+        bad = ~np.isfinite(table).all(axis=1)
+        if bad.any():
+            raise _refused(f"a {name} is not a finite number", int(np.argmax(bad)))
+    late = np.concatenate([[times[0] < 0.0], np.diff(times) <= 0.0])
+    if late.any():
+        raise _refused("times must be >= 0 s and strictly increasing", int(np.argmax(late)))
+    stretched = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > UNIT_WITHIN
+    if stretched.any():
+        raise _refused("the quaternion (x, y, z, w) must have length 1", int(np.argmax(stretched)))
+
+
+class PathRefusedError(CommandError):
+    """A path cannot be used; carries the problem and the row it is in (from 0), or None."""
+
+    def __init__(self, problem: str, row: int | None = None) -> None:
+        self.problem, self.row = problem, row
+        where = "" if row is None else f" at pose {row}"
+        super().__init__(f"path refused{where}: {problem}; nothing was moved")
+
+
+def _refused(problem: str, row: int | None = None) -> PathRefusedError:
+    return PathRefusedError(problem, row)
+
+
+def _floats(what: str, values: ArrayLike) -> Array:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise _refused(f"{what} are not all numbers in rows of equal length") from error
