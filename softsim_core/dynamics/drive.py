@@ -38,12 +38,12 @@ class JointDrive:
         self.targets: Array = self._rest.copy()
         self.positions: Array = self._rest.copy()
         self.base_shift = 0.0
-        self._started = _IDLE
+        self._started, self._animates_joints = _IDLE, True
         if self._scene.start is not None and self._scene.start.at_start:
             self._started = 0.0
 
     def command(self, values: Sequence[float]) -> None:
-        """Set where the joints go; a running start animation ends.
+        """Set where the joints go; a running start animation lets go of them and only brings the bases home.
 
         Raises:
             CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing changes.
@@ -59,7 +59,7 @@ class JointDrive:
                     )
                 accepted[index] = allowed
         self.targets = np.array(accepted, dtype=float)
-        self._started = _IDLE
+        self._animates_joints = False
 
     def start(self, time: float) -> None:
         """Begin the robot's start animation at `time` [s], from the rest pose, whatever the pose is now.
@@ -69,7 +69,7 @@ class JointDrive:
         """
         if self._scene.start is None:
             raise SceneError(f"scene {self._scene.name} has no start animation (key `start` of its file)")
-        self._started = time
+        self._started, self._animates_joints = time, True
 
     def advance(self, time: float, dt: float) -> None:
         """Move `positions` on for the step of `dt` that begins at `time`, both in [s].
@@ -80,13 +80,15 @@ class JointDrive:
         if start is not None and self._started != _IDLE:
             elapsed = time - self._started
             factor = factor_at(elapsed, start.duration)
-            pose = np.array(self._scene.poses[start.pose])
-            self.targets = self._rest + factor * (pose - self._rest)
-            self.positions = self.targets.copy()
             self.base_shift = factor * start.base_shift
             if is_over(elapsed, start.duration):
                 self._started = _IDLE
-        elif self.enforce_limits:
+            if self._animates_joints:
+                pose = np.array(self._scene.poses[start.pose])
+                self.targets = self._rest + factor * (pose - self._rest)
+                self.positions = self.targets.copy()
+                return
+        if self.enforce_limits:
             reach = self._speed * dt
             self.positions = np.clip(self.targets, self.positions - reach, self.positions + reach)
         else:
@@ -102,13 +104,20 @@ class JointDrive:
             raise CommandError(f"base_shift {shift} refused: expected a finite number of metres")
         self.base_shift = float(shift)
 
+    def place(self, positions: Array, base_shift: float) -> None:
+        """Stand at `positions` (j,) with the bases at `base_shift` [m]; a running start animation ends."""
+        self.targets, self.positions = positions.copy(), positions.copy()
+        self.base_shift = base_shift
+        self._started = _IDLE
+
     def state(self) -> list[Array]:
         """Everything a snapshot needs."""
-        flags = np.array([self._started, self.base_shift, float(self.enforce_limits)])
+        switches = float(self.enforce_limits), float(self._animates_joints)
+        flags = np.array([self._started, self.base_shift, *switches])
         return [self.targets, self.positions, flags]
 
     def restore(self, targets: Array, positions: Array, flags: Array) -> None:
         """Take back what `state` gave."""
         self.targets, self.positions = targets.copy(), positions.copy()
         self._started, self.base_shift = float(flags[0]), float(flags[1])
-        self.enforce_limits = bool(flags[2])
+        self.enforce_limits, self._animates_joints = bool(flags[2]), bool(flags[3])
