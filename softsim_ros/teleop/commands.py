@@ -12,6 +12,7 @@ from softsim_core.errors import listing
 from softsim_core.scene.description import Action, JointDescription, KeyBinding, SceneDescription
 from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.decoder import KEY_NAMES, KeyPress
+from softsim_ros.teleop.goal import GOAL_KEYS, GOAL_STEP_M, PublishGoal, move_goal
 from softsim_ros.teleop.state import TeleopState, held_positions, with_command
 
 REPEAT_INTERVAL_S: Final = 0.1
@@ -21,6 +22,8 @@ HOLD_GAP_S: Final = 0.75
 """A key seen again within this time in [s] is still held: longer than the delay before keys repeat."""
 
 HELP_KEY: Final = "?"
+
+INVERSE_OWNS: Final = "nothing moved: inverse control drives the joints; press its key again to take over"
 
 BUILT_IN: Final[Mapping[str, KeyBinding]] = {
     "space": KeyBinding(action="pause", help="pause / go on"),
@@ -49,7 +52,7 @@ class Quit:
     """End the teleop."""
 
 
-Effect: TypeAlias = PublishCommand | CallAction | Quit
+Effect: TypeAlias = PublishCommand | PublishGoal | CallAction | Quit
 
 
 def key_table(robot: SceneDescription) -> dict[str, KeyBinding]:
@@ -72,8 +75,12 @@ def press(
     key: KeyPress,
     now: float,
     repeat_interval_s: float = REPEAT_INTERVAL_S,
+    goal_step_m: float = GOAL_STEP_M,
 ) -> tuple[TeleopState, tuple[Effect, ...]]:
     """The state after a key press, and what is to be done.
+
+    While inverse control is on the keys of GOAL_KEYS move the goal, whatever the robot's file binds them to;
+    keys that would move joints, poses and the start animation among them, are refused.
 
     Args:
         state: What is known before.
@@ -81,12 +88,18 @@ def press(
         key: The key; plain and Ctrl+key do the same, except that Ctrl+C always quits.
         now: Steady clock in [s].
         repeat_interval_s: Shortest time in [s] between two steps of one held key.
+        goal_step_m: How far a key moves the goal, in [m].
     """
     if key == KeyPress("c", ctrl=True):
         return replace(state, last_key=str(key)), (Quit(),)
     held = now - state.seen_at.get(key.name, -math.inf) < HOLD_GAP_S
     since = now - state.acted_at.get(key.name, -math.inf)
     state = replace(state, last_key=str(key), seen_at={**state.seen_at, key.name: now})
+    if state.inverse and key.name in GOAL_KEYS:
+        if since < repeat_interval_s:
+            return state, ()
+        state = replace(state, acted_at={**state.acted_at, key.name: now})
+        return move_goal(state, key.name, goal_step_m, now)
     binding = key_table(robot).get(key.name)
     if binding is None:
         if key.name == HELP_KEY:
@@ -110,6 +123,8 @@ def _action(
         return state, (Quit(),)
     if held:  # a held key must not switch something on and off
         return state, ()
+    if action == "start" and state.inverse:
+        return replace(state, message=INVERSE_OWNS), ()
     return replace(state, message=f"{key}: {action} ..."), (CallAction(action),)
 
 
@@ -129,7 +144,7 @@ def _refusal(state: TeleopState, now: float) -> str:
             f"nothing moved: no joint_states for {now - state.measured_at:.0f} s; is the simulator running?"
         )
     if state.inverse:
-        return "nothing moved: inverse control drives the joints; press its key again to take over"
+        return INVERSE_OWNS
     return ""
 
 

@@ -10,6 +10,7 @@ from typing import Final
 from softsim_core.scene.description import JointDescription, KeyBinding, SceneDescription
 from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
+from softsim_ros.teleop.goal import GOAL_KEYS, goal_help, goal_line
 from softsim_ros.teleop.state import BridgeState, TeleopState
 
 BAR_WIDTHS: Final = (24, 16, 10)
@@ -55,6 +56,7 @@ def render(view: View, width: int, height: int) -> list[str]:
     sections = [  # importance (0 stays longest), lines; in the order they are shown
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
         (1, status_lines(view, width)),
+        (1, _wrap(goal_line(view.state, view.now), width) if view.state.inverse else []),
         (7, [""]),
         (5, joints[:1]),
         (0, joints[1:]),
@@ -97,7 +99,8 @@ def status_lines(view: View, width: int) -> list[str]:
         simulator += ", limits off"
     parts = [f"simulator: {simulator}", f"servo bridge: {BRIDGE_TEXT[state.bridge]}"]
     if state.inverse:
-        parts.append("inverse control: on")
+        note = f" ({state.inverse_note})" if state.inverse_note else ""
+        parts.append(f"inverse control: on{note}")
     line = "   ".join(parts)
     return [line] if len(line) <= width else parts
 
@@ -162,7 +165,16 @@ def _help_lines(view: View, width: int) -> list[str]:
     if not view.state.show_help:
         return [f"{HELP_KEY} shows the keys"]
     table: dict[str, KeyBinding] = key_table(view.robot)
-    entries = [(key_label(key), _help_text(binding)) for key, binding in table.items()]
+    if view.state.inverse:  # the goal's keys, then what else still works
+        entries = [(key_label(key), goal_help(key)) for key in GOAL_KEYS]
+        table = {
+            key: binding
+            for key, binding in table.items()
+            if key not in GOAL_KEYS and binding.action not in (None, "start")
+        }
+    else:
+        entries = []
+    entries += [(key_label(key), _help_text(binding)) for key, binding in table.items()]
     if HELP_KEY not in table:
         entries.append((HELP_KEY, "hide the keys"))
     tables = [_help_table(entries, columns) for columns in (3, 2, 1)]

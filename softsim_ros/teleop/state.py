@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 from softsim_core.scene.description import SceneDescription
 
@@ -23,6 +23,13 @@ _REMEMBERED_ECHOES: Final = 32
 BridgeState: TypeAlias = Literal["not running", "init", "no-comm", "comm", "finalized", "changing"]
 
 
+class EffectorPose(NamedTuple):
+    """Position in [m] and unit quaternion (x, y, z, w) of the effector, or of its goal, in the world."""
+
+    position: tuple[float, float, float]
+    quaternion_xyzw: tuple[float, float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class TeleopState:
     """Everything a key press depends on and the display shows.
@@ -36,7 +43,11 @@ class TeleopState:
         simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
         real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
         enforce_limits: Whether the simulator keeps joint limits; None: not heard, the robot's file decides.
-        inverse: Inverse control was enabled from here; it owns the command topic.
+        inverse: Inverse control is on, it owns the command topic; the arrow keys move the goal.
+        inverse_note: The inverse controller's newest sentence, such as "unreachable, 3.2 mm away".
+        goal: The goal these keys moved; None before the first step.
+        effector: Where the effector is; None before the first message.
+        effector_at: Time of that message, steady clock, in [s].
         bridge: State of the servo bridge.
         seen_at: When each key was last seen, repeats included, in [s].
         acted_at: When each key last had an effect, in [s].
@@ -54,6 +65,10 @@ class TeleopState:
     real_time_factor: float | None = None
     enforce_limits: bool | None = None
     inverse: bool = False
+    inverse_note: str = ""
+    goal: EffectorPose | None = None
+    effector: EffectorPose | None = None
+    effector_at: float = -math.inf
     bridge: BridgeState = "not running"
     seen_at: Mapping[str, float] = field(default_factory=dict)
     acted_at: Mapping[str, float] = field(default_factory=dict)
@@ -120,3 +135,8 @@ def held_positions(state: TeleopState, now: float) -> tuple[float, ...]:
         command if now <= state.trusted_until or abs(command - position) <= REACHED else position
         for command, position in zip(state.commanded, state.measured, strict=True)
     )
+
+
+def with_inverse(state: TeleopState, enabled: bool) -> TeleopState:
+    """The state once inverse control is on, or off: either way the goal of before is forgotten."""
+    return replace(state, inverse=enabled, goal=None, inverse_note="")

@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -37,7 +37,9 @@ from softsim_ros.teleop.commands import (
 )
 from softsim_ros.teleop.decoder import KeyPress
 from softsim_ros.teleop.display import View
+from softsim_ros.teleop.goal import GOAL_STEP_M, PublishGoal
 from softsim_ros.teleop.held_output import HeldOutput
+from softsim_ros.teleop.inverse_link import InverseLink
 from softsim_ros.teleop.loop import ready_callbacks, run_teleop
 from softsim_ros.teleop.services import AsyncService
 from softsim_ros.teleop.simulator_link import SimulatorLink
@@ -47,6 +49,7 @@ from softsim_ros.teleop.state import (
     TeleopState,
     with_command,
     with_heard_command,
+    with_inverse,
     with_measurement,
 )
 from softsim_ros.teleop.terminal import RawTerminal
@@ -64,7 +67,8 @@ class Teleop(ClosableNode):
     commands of others; `joint_states` in, or, on a robot without simulator, `applied_joint_states` of the
     bridge, and then the newest command is repeated so that the bridge does not rest; warnings of the
     robot's nodes from `/rosout` in. Services called: `simulator/start`, `simulator/reset`,
-    `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of `servo_bridge`.
+    `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of `servo_bridge`. While
+    inverse control is on, `effector_goal` out instead of commands; `effector_pose` in.
 
     Args:
         robot: Joints, limits, poses and keys.
@@ -82,6 +86,9 @@ class Teleop(ClosableNode):
             "shortest time between two steps of one held key [s]",
             0.02,
             2.0,
+        )
+        declare_number(
+            self, "goal_step", GOAL_STEP_M, "how far a key moves the goal of inverse control [m]", 1e-5, 0.05
         )
         self.robot = robot
         self.state = TeleopState(message=unknown_keys(robot) or "")
@@ -101,12 +108,13 @@ class Teleop(ClosableNode):
         self._start = AsyncService(self, Trigger, "simulator/start")
         self._reset = AsyncService(self, Trigger, "simulator/reset")
         self._pause = AsyncService(self, SetBool, "simulator/pause")
-        self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
+        self._inverse = InverseLink(self)
         self._bridge = BridgeLink(self, self._on_bridge, self.say)
         self._simulator = SimulatorLink(self, self._on_simulator, self._on_enforced)
 
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
+        self.state = self._inverse.follow(self.state, now)
         return View(self.robot, self.state, now, self.get_namespace())
 
     def say(self, message: str) -> None:
@@ -115,8 +123,10 @@ class Teleop(ClosableNode):
 
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
+        self.state = self._inverse.follow(self.state, now)
         interval = float(self.get_parameter("repeat_interval").value)
-        self.state, effects = press(self.state, self.robot, key, now, interval)
+        step = float(self.get_parameter("goal_step").value)
+        self.state, effects = press(self.state, self.robot, key, now, interval, step)
         for effect in effects:
             self._carry_out(effect, now)
 
@@ -125,12 +135,14 @@ class Teleop(ClosableNode):
         self._hold(now)
         self._bridge.poll(now)
         self._simulator.poll(now)
-        for service in (self._start, self._reset, self._pause, self._inverse):
+        for service in (self._start, self._reset, self._pause, self._inverse.service):
             service.expire(now)
 
     def _carry_out(self, effect: Effect, now: float) -> None:
         if isinstance(effect, PublishCommand):
             self._commands.publish(Float64MultiArray(data=array("d", effect.values)))
+        elif isinstance(effect, PublishGoal):
+            self._inverse.publish(effect.goal)
         elif isinstance(effect, CallAction):
             self._call(effect.action, now)
         else:
@@ -139,6 +151,8 @@ class Teleop(ClosableNode):
     def _call(self, action: Action, now: float) -> None:
         if action == "start":
             self._ask("simulator", self._start, Trigger.Request(), now, self._on_started)
+        elif action == "reset" and self.state.inverse:  # else it would drive the joints back
+            self._enable_inverse(False, now, then=lambda: self._call("reset", time.monotonic()))
         elif action == "reset":
             self._ask("simulator", self._reset, Trigger.Request(), now, self._on_reset)
         elif action == "pause":
@@ -147,16 +161,17 @@ class Teleop(ClosableNode):
                 "simulator", self._pause, SetBool.Request(data=pause), now, lambda: self._on_paused(pause)
             )
         elif action == "inverse":
-            enable = not self.state.inverse
-            self._ask(
-                "inverse control",
-                self._inverse,
-                SetBool.Request(data=enable),
-                now,
-                lambda: self._on_inverse(enable),
-            )
+            self._enable_inverse(not self.state.inverse, now)
         elif action == "send":
             self._bridge.toggle(now)
+
+    def _enable_inverse(self, enable: bool, now: float, then: Callable[[], None] = lambda: None) -> None:
+        def done() -> None:
+            self._on_inverse(enable)
+            then()
+
+        request = SetBool.Request(data=enable)
+        self._ask("inverse control", self._inverse.service, request, now, done)
 
     def _ask(self, who: str, service: AsyncService, request: Any, now: float, done: Any) -> None:
         """Call a service that answers success and a sentence; `done` is called on success."""
@@ -186,7 +201,7 @@ class Teleop(ClosableNode):
         self.say("start pose")
 
     def _on_reset(self) -> None:
-        self.state = replace(self.state, commanded=None, inverse=False)
+        self.state = replace(self.state, commanded=None)
         self.say("simulation reset")
 
     def _on_paused(self, paused: bool) -> None:
@@ -194,7 +209,8 @@ class Teleop(ClosableNode):
         self.say("simulation paused" if paused else "simulation goes on")
 
     def _on_inverse(self, enabled: bool) -> None:
-        self.state = replace(self.state, inverse=enabled)
+        self.state = with_inverse(self.state, enabled)
+        self._inverse.switched(time.monotonic())
         self.say(f"inverse control is {'on' if enabled else 'off'}")
 
     def _on_bridge(self, state: BridgeState) -> None:
