@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
+from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
 from softsim_core.arrays import Array
@@ -73,6 +74,8 @@ class Publications:
             self._clock = node.create_publisher(Clock, "/clock", 1)
         self._joint_states = node.create_publisher(JointState, "joint_states", 10)
         self._effector_pose = node.create_publisher(PoseStamped, "effector_pose", 5)
+        self._base_shift = node.create_publisher(Float64, "base_shift", LATCHED)
+        self._shown_shift: float | None = None
         self._points = node.create_publisher(PointCloud2, "mesh/points", 1)
         self._marker = node.create_publisher(Marker, "mesh/marker", 1)
         self._topology = node.create_publisher(Mesh, "mesh/topology", LATCHED)
@@ -128,6 +131,9 @@ class Publications:
                 simulation.joint_efforts,
             )
         )
+        if simulation.base_shift != self._shown_shift:
+            self._shown_shift = simulation.base_shift
+            self._base_shift.publish(Float64(data=self._shown_shift))
         effector = simulation.effector_pose
         if effector is not None:
             self._effector_pose.publish(

@@ -61,7 +61,7 @@ class Simulator(ClosableNode):
         parameter_overrides: Sequence[Parameter] = (),
     ) -> None:
         if robot is None:
-            robot = _robot_parameter(context, parameter_overrides)
+            robot = requested_robot(NODE_NAME, context, parameter_overrides)
         scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
         self.robot = scene.name
         super().__init__(
@@ -279,10 +279,10 @@ def _answering(
     return answer
 
 
-def _robot_parameter(context: Context | None, overrides: Sequence[Parameter]) -> str:
-    """The parameter `robot` of the command line, needed before the node: it names the namespace."""
+def requested_robot(name: str, context: Context | None, overrides: Sequence[Parameter]) -> str:
+    """The parameter `robot` given to the node `name`, needed before the node: it names the namespace."""
     node = Node(
-        NODE_NAME,
+        name,
         context=context,
         parameter_overrides=list(overrides),
         start_parameter_services=False,
