@@ -11,9 +11,11 @@ from time import perf_counter
 
 import numpy as np
 
+from softsim_core.actuation.limits import check_command
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.drive import JointDrive
 from softsim_core.dynamics.scipy_step import ScipyStepper
+from softsim_core.dynamics.statics import StaticSolution, solve_static
 from softsim_core.dynamics.stepper import Inputs, Stepper
 from softsim_core.errors import SceneError, SolverDivergedError, listing
 from softsim_core.fem.material import LinearMaterial
@@ -262,6 +264,37 @@ class Simulation:
         self._drive.reset()
         self._steps = 0
         self.forces[:] = 0.0
+
+    def equilibrium(
+        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+    ) -> StaticSolution:
+        """The static equilibrium that is reached from the present state; nothing is changed.
+
+        Args:
+            joints: Where the joints are commanded to be, in [rad] or [m], limits or not.
+            base_shift: Shift in [m] of all joint bases; None: the present one.
+            tolerance: See solve_static, in [m].
+
+        Raises:
+            CommandError: wrong length or not finite.
+            NotConvergedError: no equilibrium was found.
+        """
+        targets = np.array(check_command(list(joints), self.joint_names))
+        inputs = Inputs(targets, self.forces, self.base_shift if base_shift is None else float(base_shift))
+        return solve_static(self.model, self._state, inputs, self.parameters, tolerance=tolerance)
+
+    def settle(
+        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+    ) -> StaticSolution:
+        """Go to the static equilibrium that `equilibrium` finds, at rest; time stands still.
+
+        Raises:
+            CommandError, NotConvergedError: as `equilibrium`; nothing is changed.
+        """
+        solution = self.equilibrium(joints, base_shift, tolerance=tolerance)
+        self._state.copy_from(solution.state)
+        self._drive.place(np.array(joints, dtype=float), self.base_shift)
+        return solution
 
     def _saved(self) -> list[Array]:
         """Everything a snapshot holds, in order."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Vector: TypeAlias = tuple[float, float, float]
 Backend: TypeAlias = Literal["auto", "numba", "scipy"]
 RotationLaw: TypeAlias = Literal["polar", "qr"]
+EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
 Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
 
 
@@ -341,6 +342,79 @@ class BoardDescription:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class InverseSettings:
+    """Inverse control: which effector coordinates follow the goal, and how.
+
+    Attributes:
+        task: What of a goal is followed: "position" (x, y, z), "orientation" (a rotation), "height_tilt"
+            (z and where the effector's z axis points) or "pose" (all six).
+        position_weights: Weight of the error along world x, y, z in [-], >= 0.
+        orientation_weights: Weight of the rotation error about world x, y, z in [-], >= 0.
+        lever: Length in [m] with which an angle counts as a displacement beside positions, > 0.
+        gain: Share of the error that one control tick takes away, in (0, 1].
+        max_shift: Largest position error in [m] along an axis that a tick looks at, > 0.
+        max_turn: Largest rotation error in [rad] about an axis that a tick looks at, > 0.
+        effort_weight: Weight of small joint efforts against tracking in [-], >= 0; decides between joints
+            that can do the same.
+        posture_weight: Weight of staying near `posture` against tracking in [-], >= 0.
+        posture: Name of the pose that `posture_weight` pulls to; None: where control starts.
+        lower, upper: Narrower joint interval in [rad] or [m] for all joints; None: the joints' own limits.
+        speed: Lower joint speed in [rad/s] or [m/s], > 0; None: the joints' own.
+        torque_limit: Largest holding torque in [N m] or force in [N] of a joint, > 0; None: not limited.
+        backend: Effector Jacobian by the static tangent ("analytic") or from sampled equilibria ("sampled").
+        feedback_gain: Rate in [1/s] at which the model's error against the measured pose is learned, >= 0.
+        max_correction: Largest learned position error in [m], >= 0; anti-windup.
+        max_correction_turn: Largest learned rotation error in [rad], >= 0; anti-windup.
+        tolerance: A goal is reached within this distance in [m], > 0.
+        tolerance_turn: And within this angle in [rad], > 0.
+    """
+
+    task: EffectorTask = "position"
+    position_weights: Vector = (1.0, 1.0, 1.0)
+    orientation_weights: Vector = (1.0, 1.0, 1.0)
+    lever: float = 0.03
+    gain: float = 0.5
+    max_shift: float = 0.010
+    max_turn: float = 0.2
+    effort_weight: float = 1.0e-6
+    posture_weight: float = 0.0
+    posture: str | None = None
+    lower: float | None = None
+    upper: float | None = None
+    speed: float | None = None
+    torque_limit: float | None = None
+    backend: Literal["analytic", "sampled"] = "analytic"
+    feedback_gain: float = 5.0
+    max_correction: float = 0.010
+    max_correction_turn: float = 0.2
+    tolerance: float = 1.0e-4
+    tolerance_turn: float = 1.0e-3
+
+    def __post_init__(self) -> None:
+        units = (("lever", "m"), ("max_shift", "m"), ("max_turn", "rad"), ("tolerance", "m"))
+        for name, unit in (*units, ("tolerance_turn", "rad"), ("speed", ""), ("torque_limit", "")):
+            value = getattr(self, name)
+            if value is not None:
+                _need_positive("inverse", name, value, unit)
+        for name in (
+            "effort_weight",
+            "posture_weight",
+            "feedback_gain",
+            "max_correction",
+            "max_correction_turn",
+        ):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise FieldError("inverse", name, getattr(self, name), ">= 0")
+        for name in ("position_weights", "orientation_weights"):
+            if not all(0.0 <= weight < math.inf for weight in getattr(self, name)):
+                raise FieldError("inverse", name, list(getattr(self, name)), "three numbers >= 0")
+        if not 0.0 < self.gain <= 1.0:
+            raise FieldError("inverse", "gain", self.gain, "> 0 and <= 1")
+        if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
+            raise FieldError("inverse", "lower", self.lower, f"<= upper = {self.upper}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:
     """A user's own code in the loop; each hook is optional and gets the running Simulation.
 
@@ -375,6 +449,7 @@ class SceneDescription:
     start: StartAnimation | None = None
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
+    inverse: InverseSettings = InverseSettings()
     controllers: tuple[Controller, ...] = ()
     source: Path | None = None
 
@@ -420,6 +495,7 @@ class SceneDescription:
             _need_finite(f"scene {self.name}", f"poses.{pose}", values)
         if self.start is not None:
             known("pose", self.start.pose, tuple(self.poses))
+        known("pose", self.inverse.posture, tuple(self.poses))
         for binding in self.keys.values():
             known("pose", binding.pose, tuple(self.poses))
             for joint in binding.joints:

@@ -14,6 +14,7 @@ from softsim_core.scene.description import (
     BodyDescription,
     CommandSettings,
     Controller,
+    InverseSettings,
     JointDescription,
     KeyBinding,
     SceneDescription,
@@ -61,6 +62,7 @@ class Scene:
     start: StartAnimation | None = None
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
+    inverse: InverseSettings = field(default_factory=InverseSettings)
     controllers: list[Controller] = field(default_factory=list)
 
     def add(self, item: Item | Iterable[Item]) -> None:
@@ -143,6 +145,7 @@ class Scene:
             start=self.start,
             keys=dict(self.keys),
             board=self.board,
+            inverse=self.inverse,
             controllers=tuple(self.controllers),
         )
 

@@ -1,0 +1,368 @@
+"""Inverse control in real time: one joint increment a tick, on a model that moves along.
+
+A tick takes the effector's sensitivity at the model's present state, solves one quadratic program for the
+increment dq towards the goal, and steps the model by dt under q + dq. With a measured pose y the error of the
+model is learned as a correction d and taken off the goal:
+
+    d <- clip(d + (1 - exp(-k dt)) (y - (x + d))),    the model's goal is goal - d
+
+At rest y = x + d = goal, whatever the plant is: an integral law, which cannot wind up beyond what it clips.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.errors import CommandError, NotConvergedError, SolverDivergedError
+from softsim_core.inverse.problem import QP, Limits, build
+from softsim_core.inverse.sensitivity import Sensitivity
+from softsim_core.inverse.solver import Solution, need_daqp, solve
+from softsim_core.inverse.static import effector, place, residuals, sensitivity_of, start_shift
+from softsim_core.inverse.tasks import Task, limited, task_for
+from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.scene.description import InverseSettings, SceneDescription
+from softsim_core.units import MILLIMETRE, degrees
+
+__all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]
+
+InverseStatus: TypeAlias = Literal[
+    "idle", "moving", "reached", "unreachable", "infeasible", "not_converged", "diverged"
+]
+
+USELESS = 0.02
+"""A step that shortens the error it looks at by less than this part of it leads nowhere."""
+
+PATIENCE = 10
+"""Ticks in a row that must lead nowhere before a goal counts as unreachable."""
+
+RESAMPLE = 0.02
+"""Joint travel in [rad] or [m] after which a sampled sensitivity is taken anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseReport:
+    """What one tick did.
+
+    Attributes:
+        command: Joint command in [rad] or [m], shape (j,): inside limits, at most speed * dt from the last.
+        model_pose: The model's effector after the tick.
+        residual_m, residual_rad: Distance from the goal in [m] and [rad] over the task's coordinates: of the
+            measured pose where one was given, else of the model. 0 without goal.
+        mismatch_m, mismatch_rad: Distance of the measured pose from the model's in [m] and [rad]; 0 without
+            measurement.
+        active: Names of the limits that hold the increment back ("servo_0 upper", "servo_1 speed").
+        reachable: False once the goal counts as unreachable.
+        status: "idle" (no goal), "moving", "reached", "unreachable"; or why nothing moves: "infeasible",
+            "not_converged" (the program), "diverged" (the model).
+        kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
+        qp_ms, tick_ms: Time of the program (build, solve, check) and of the whole tick in [ms].
+        sentence: The same for a person.
+    """
+
+    command: Array
+    model_pose: Pose
+    residual_m: float
+    residual_rad: float
+    mismatch_m: float
+    mismatch_rad: float
+    active: tuple[str, ...]
+    reachable: bool
+    status: InverseStatus
+    kkt_residual: float
+    qp_ms: float
+    tick_ms: float
+    sentence: str
+
+
+class InverseController:
+    """Effector goals to joint commands, with a model of the robot of its own.
+
+    Args:
+        scene: The robot; its own controllers and start move are left out of the model.
+        settings: None: the robot file's key `inverse`.
+        backend: Of the model's step, as in Simulation.
+
+    Attributes:
+        model: The model; look, do not touch.
+        settings: What was given.
+        limits: Joint limits of one tick.
+
+    Raises:
+        SceneError: no end effector or no joints, or the package daqp is missing.
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription,
+        settings: InverseSettings | None = None,
+        backend: Literal["auto", "numba", "scipy"] | None = None,
+    ) -> None:
+        need_daqp()
+        self.scene = scene
+        self.settings = scene.inverse if settings is None else settings
+        bodies = tuple(replace(body, surface=None) for body in scene.bodies)
+        self.model = Simulation(replace(scene, bodies=bodies, controllers=(), start=None), backend)
+        self.model.enforce_limits = False  # this class keeps them
+        self.limits = Limits.of(scene, self.settings, scene.dt)
+        self._goal: Pose | None = None
+        self._posture = self._posture_from(self.model.joint_targets)
+        self._sampled_at: Array | None = None
+        self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
+        self._forget()
+
+    @property
+    def period(self) -> float:
+        """Time of a tick in [s]: the scene's dt."""
+        return self.model.dt
+
+    @property
+    def goal(self) -> Pose | None:
+        """The goal, or None."""
+        return self._goal
+
+    @property
+    def command(self) -> Array:
+        """The last command in [rad] or [m], shape (j,)."""
+        return self.model.joint_targets
+
+    @property
+    def correction(self) -> Array:
+        """What was learned about the model: shift in [m] and rotation vector in [rad], shape (6,)."""
+        return self._correction.copy()
+
+    def start(self, joints: Sequence[float] | Array | None = None, base_shift: float | None = None) -> None:
+        """Stand at the robot's present joints, at rest, without goal: the first commands start from there.
+
+        Args:
+            joints: In [rad] or [m], shape (j,), inside the limits or not; None: the last command.
+            base_shift: Shift in [m] of the joint bases; None: where the robot's start move ends, else 0.
+
+        Raises:
+            CommandError: wrong length or not finite; nothing is changed.
+            SolverDivergedError: the model cannot get there.
+        """
+        wanted = self.command if joints is None else np.asarray(joints, dtype=float)
+        shift = start_shift(self.scene) if base_shift is None else float(base_shift)
+        if wanted.shape != self.command.shape or not np.isfinite(wanted).all() or not math.isfinite(shift):
+            raise CommandError(
+                f"start at {wanted.tolist()} with bases at {shift} refused: expected {len(self.command)} "
+                "finite joint positions and a finite shift; nothing was moved"
+            )
+        place(self.model, wanted, shift)
+        self._posture = self._posture_from(wanted)
+        self._goal = None
+        self._sampled_at = None
+        self._forget()
+
+    def set_goal(self, goal: Pose | None) -> None:
+        """Where the effector should go, in the world; None: stay.
+
+        Raises:
+            CommandError: not finite, or no rotation; the goal stays what it was.
+        """
+        if goal is not None:
+            position = np.array(goal.position, dtype=float)
+            quaternion = np.array(goal.quaternion_xyzw, dtype=float)
+            norm = float(np.linalg.norm(quaternion))
+            if position.shape != (3,) or quaternion.shape != (4,) or not np.isfinite(position).all():
+                raise CommandError(
+                    f"goal at {position.tolist()} refused: expected three finite numbers; the goal stays"
+                )
+            if not 1e-6 < norm < math.inf:  # also rejects NaN
+                raise CommandError(
+                    f"goal orientation {quaternion.tolist()} refused: expected a unit quaternion "
+                    "(x, y, z, w); the goal stays"
+                )
+            goal = Pose(position, quaternion / norm)
+        self._goal = goal
+        self._useless = 0
+
+    def tick(self, measured: Pose | None = None) -> InverseReport:
+        """One dt: an increment towards the goal, within all limits; without goal the command stays.
+
+        Args:
+            measured: The real effector now, where it is known; a part (position or quaternion) that is not
+                finite counts as not measured.
+        """
+        started = perf_counter()
+        before = effector(self.model)
+        mismatch = self._learn(measured, before)
+        status: InverseStatus = "idle"
+        solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
+        task: Task | None = None
+        if self._goal is not None:
+            task = task_for(self._corrected(self._goal), self.settings)
+            qp, qp_started = self._program(task, before)
+            solution = solve(qp)
+            qp_ms = 1e3 * (perf_counter() - qp_started)
+            if solution.status == "solved":
+                self._judge(task, before, solution)
+            else:
+                status = solution.status
+        diverged = not self._advance(solution.dq)
+        pose = effector(self.model)
+        residual = self._residual(pose, measured)
+        if diverged:
+            status = "diverged"
+        elif self._goal is not None and solution.status == "solved":
+            status = self._progress(residual)
+        return InverseReport(
+            self.command, pose, *residual, *mismatch, solution.active, status != "unreachable", status,
+            solution.kkt_residual, qp_ms, 1e3 * (perf_counter() - started),
+            self._sentence(status, residual, mismatch, solution.active),
+        )  # fmt: skip
+
+    # --- parts of a tick ---
+
+    def _program(self, task: Task, pose: Pose) -> tuple[QP, float]:
+        """The program of this tick, and when its building began (the sensitivity is not part of it)."""
+        self._sensitivity = self._renewed()
+        begun = perf_counter()
+        qp = build(
+            [task], self._sensitivity, pose, self.command, self.model.joint_efforts, self.limits,
+            self.settings, gain=self.settings.gain, posture=self._posture,
+        )  # fmt: skip
+        return qp, begun
+
+    def _renewed(self) -> Sensitivity:
+        """The sensitivity now; where there is none (a branch of equilibria), the last one."""
+        try:
+            if self.settings.backend == "analytic":
+                fresh = sensitivity_of(self.model, self.settings)
+                return fresh if np.isfinite(fresh.effector).all() else self._sensitivity
+            if self._sampled_at is None or np.abs(self.command - self._sampled_at).max() > RESAMPLE:
+                self._sensitivity = sensitivity_of(self.model, self.settings)
+                self._sampled_at = self.command
+        except (np.linalg.LinAlgError, NotConvergedError):
+            pass
+        return self._sensitivity
+
+    def _advance(self, dq: Array) -> bool:
+        """Step the model under the next command; False: it diverged, and the command stays."""
+        last = self.command
+        inside = np.clip(last + dq, np.minimum(self.limits.lower, last), np.maximum(self.limits.upper, last))
+        self.model.command(inside)
+        try:
+            self.model.step()
+        except SolverDivergedError:
+            self.model.command(last)
+            return False
+        return True
+
+    def _judge(self, task: Task, pose: Pose, solution: Solution) -> None:
+        """Count the steps in a row that hardly shorten the error although speed does not hold them back."""
+        settings = self.settings
+        near = settings.gain * limited(task.error(pose), task.angular, settings.max_shift, settings.max_turn)
+        left = near - task.jacobian(self._sensitivity.effector, pose) @ solution.dq
+        wanted, remains = np.linalg.norm(task.weights * near), np.linalg.norm(task.weights * left)
+        rushing = any(name.endswith(" speed") for name in solution.active)
+        self._useless = self._useless + 1 if remains > (1.0 - USELESS) * wanted and not rushing else 0
+
+    def _progress(self, residual: tuple[float, float]) -> InverseStatus:
+        if residual[0] <= self.settings.tolerance and residual[1] <= self.settings.tolerance_turn:
+            return "reached"
+        return "unreachable" if self._useless >= PATIENCE else "moving"
+
+    # --- feedback ---
+
+    def _learn(self, measured: Pose | None, pose: Pose) -> tuple[float, float]:
+        """Move the correction towards what was measured; returns the model's distance in [m] and [rad]."""
+        if measured is None:
+            return 0.0, 0.0
+        seen = _difference(measured, pose)
+        share = 1.0 - math.exp(-self.settings.feedback_gain * self.period)
+        for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
+            if np.isfinite(seen[part]).all():
+                learned = self._correction[part] + share * (seen[part] - self._correction[part])
+                self._correction[part] = _shortened(learned, getattr(self.settings, most))
+        known = np.where(np.isfinite(seen), seen, 0.0)
+        return float(np.linalg.norm(known[:3])), float(np.linalg.norm(known[3:]))
+
+    def _corrected(self, goal: Pose) -> Pose:
+        """Where the model must go for the plant to be at the goal."""
+        if not self._correction.any():
+            return goal
+        turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
+        return Pose(goal.position - self._correction[:3], quaternion_of(turned))
+
+    def _residual(self, pose: Pose, measured: Pose | None) -> tuple[float, float]:
+        """Distance in [m] and [rad] from the goal: of what is measured, else of the model."""
+        if self._goal is None:
+            return 0.0, 0.0
+        if measured is not None:
+            position, quaternion = measured.position, measured.quaternion_xyzw
+            pose = Pose(
+                position if np.isfinite(position).all() else pose.position,
+                quaternion if np.isfinite(quaternion).all() else pose.quaternion_xyzw,
+            )
+        return residuals([task_for(self._goal, self.settings)], pose)
+
+    def _posture_from(self, joints: Array) -> Array:
+        name = self.settings.posture
+        return joints.copy() if name is None else np.array(self.scene.poses[name])
+
+    def _forget(self) -> None:
+        self._correction: Array = np.zeros(6)
+        self._useless = 0
+
+    # --- words ---
+
+    def _sentence(
+        self,
+        status: InverseStatus,
+        residual: tuple[float, float],
+        mismatch: tuple[float, float],
+        active: tuple[str, ...],
+    ) -> str:
+        away = _distance(*residual, self.settings.task)
+        held = f" (limits: {', '.join(active)})" if active else ""
+        sentence = {
+            "idle": "no goal, holding",
+            "moving": f"on the way, {away} away",
+            "reached": f"at the goal, {away} away",
+            "unreachable": f"unreachable, {away} away{held}",
+            "infeasible": "no joint step keeps all limits, holding; widen them or start elsewhere",
+            "not_converged": "the joint step could not be solved for, holding",
+            "diverged": "the model diverged, holding; start again from the robot's joints",
+        }[status]
+        if self.settings.feedback_gain == 0.0 and any(mismatch):
+            return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
+        return sentence
+
+
+def _difference(measured: Pose, pose: Pose) -> Array:
+    """Shift and rotation vector (6,) from a pose to the measured one; NaN where not measured."""
+    shift, turn = np.full(3, np.nan), np.full(3, np.nan)
+    if np.isfinite(measured.position).all():
+        shift = measured.position - pose.position
+    norm = np.linalg.norm(measured.quaternion_xyzw)
+    if np.isfinite(norm) and norm > 1e-6:
+        rotation = rotation_of(measured.quaternion_xyzw / norm)
+        turn = rotation_log(rotation @ rotation_of(pose.quaternion_xyzw).T)
+    return np.concatenate([shift, turn])
+
+
+def _shortened(vector: Array, most: float) -> Array:
+    """The vector, no longer than `most`."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= most else vector * (most / length)
+
+
+def _distance(shift: float, turn: float, task: str) -> str:
+    """3.21 mm, 1.5 deg, or both, as the task has them."""
+    parts = [f"{_short(shift / MILLIMETRE)} mm"] if task != "orientation" else []
+    parts += [f"{_short(degrees(turn))} deg"] if task != "position" else []
+    return " and ".join(parts)
+
+
+def _short(value: float) -> str:
+    """Three digits, never an exponent of ten above."""
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"

@@ -1,0 +1,187 @@
+"""One step of differential inverse kinematics as a quadratic program in the joint increments dq.
+
+    minimise    1/2 |W (e - J dq)|^2 + 1/2 a |tau + T dq|^2 + 1/2 b |q + dq - q_posture|^2 + 1/2 c |dq|^2
+    subject to  lower <= dq <= upper,    G dq <= h
+
+e is the tasks' error, J its derivative, tau the joint efforts, T their derivative. The bounds keep joint
+interval and speed, the rows keep torque limits and whatever else is given (contacts). c vanishes with e
+(Levenberg-Marquardt): it slows a step towards a far goal and moves no equilibrium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray
+from softsim_core.inverse.sensitivity import Sensitivity
+from softsim_core.inverse.tasks import Task, limited
+from softsim_core.mechanics.pose import Pose
+from softsim_core.scene.description import InverseSettings, SceneDescription
+
+DAMPING = 1e-2
+"""Of a step towards an error at max_shift, as a part of the mean curvature of the tasks; grows with e^2."""
+
+FLOOR = 1e-12
+"""Least damping, as a part of the mean curvature: the program stays strictly convex."""
+
+
+class Constraint(NamedTuple):
+    """Rows G dq <= h with a name each; G (r, j), h (r,)."""
+
+    G: Array
+    h: Array
+    names: tuple[str, ...]
+
+    @property
+    def inactive(self) -> bool:
+        """Whether there are no rows."""
+        return not len(self.h)
+
+
+class QP(NamedTuple):
+    """minimise 1/2 dq^T P dq + q^T dq subject to lower <= dq <= upper and G dq <= h.
+
+    P (j, j), q (j,) are scaled so that the mean diagonal entry of P is 1: residuals are increments.
+    `lower_names` and `upper_names` say which limit a bound comes from; `names` name the rows.
+    """
+
+    P: Array
+    q: Array
+    G: Array
+    h: Array
+    lower: Array
+    upper: Array
+    lower_names: tuple[str, ...]
+    upper_names: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limits:
+    """Limits of the joints within one step.
+
+    Attributes:
+        names: Joint names.
+        lower, upper: Interval in [rad] or [m], shape (j,).
+        step: Largest increment of one step in [rad] or [m], shape (j,).
+        torque: Largest effort in [N m] or [N], shape (j,); infinite where not limited.
+    """
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    step: Array
+    torque: Array
+
+    @classmethod
+    def of(cls, scene: SceneDescription, settings: InverseSettings, period: float) -> Limits:
+        """The joints' own limits, narrowed by the settings, for a step of `period` [s]."""
+        own = [joint.limits for joint in scene.joints]
+        lower = np.array([max(each.lower, _or(settings.lower, -np.inf)) for each in own])
+        upper = np.array([min(each.upper, _or(settings.upper, np.inf)) for each in own])
+        speed = np.array([min(each.speed, _or(settings.speed, np.inf)) for each in own])
+        torque = np.full(len(own), _or(settings.torque_limit, np.inf))
+        return cls(scene.joint_names, lower, np.maximum(lower, upper), speed * period, torque)
+
+    def clamp(self, joints: Array) -> Array:
+        """Joint positions inside the interval, shape (j,)."""
+        return np.clip(joints, self.lower, self.upper)
+
+
+def build(
+    tasks: Sequence[Task],
+    sensitivity: Sensitivity,
+    current: Pose,
+    joints: Array,
+    efforts: Array,
+    limits: Limits,
+    settings: InverseSettings,
+    *,
+    gain: float = 1.0,
+    posture: Array | None = None,
+    constraints: Sequence[Constraint] = (),
+) -> QP:
+    """The program of one step; see the module.
+
+    Args:
+        tasks: What the effector should do.
+        sensitivity: Derivatives at the current state.
+        current: Pose of the effector.
+        joints: Commanded joints q in [rad] or [m], shape (j,). Where one is outside its interval, the bounds
+            lead it back at its speed.
+        efforts: Joint efforts tau in [N m] or [N], shape (j,).
+        limits: Of the joints.
+        settings: Weights and limits of the target.
+        gain: Share of the error to take away.
+        posture: q_posture in [rad] or [m], shape (j,); needed with a posture weight.
+        constraints: Further rows.
+    """
+    size = len(joints)
+    P, q, far = np.zeros((size, size)), np.zeros(size), 0.0
+    for task in tasks:
+        J = task.weights[:, None] * task.jacobian(sensitivity.effector, current)
+        e = task.error(current)
+        near = gain * limited(e, task.angular, settings.max_shift, settings.max_turn)
+        P += J.T @ J
+        q -= J.T @ (task.weights * near)
+        far = max(far, float(np.abs(task.weights * near).max(initial=0.0)) / settings.max_shift)
+    scale = max(float(np.trace(P)) / size, 1e-300)
+    T = sensitivity.effort
+    if settings.effort_weight > 0.0:
+        weight = settings.effort_weight * scale * size / max(float(np.vdot(T, T)), 1e-300)
+        P += weight * (T.T @ T)
+        q += weight * (T.T @ efforts)
+    if settings.posture_weight > 0.0 and posture is not None:
+        weight = settings.posture_weight * scale
+        P[np.diag_indices(size)] += weight
+        q += weight * (joints - posture)
+    P[np.diag_indices(size)] += scale * (FLOOR + DAMPING * far * far)
+
+    back, forth = limits.lower - joints, limits.upper - joints
+    rows = [torque_rows(T, efforts, limits, gain), *constraints]
+    return QP(
+        P / scale,
+        q / scale,
+        np.concatenate([each.G for each in rows]),
+        np.concatenate([each.h for each in rows]),
+        np.clip(back, -limits.step, limits.step),
+        np.clip(forth, -limits.step, limits.step),
+        tuple(_bound_names(limits, "lower", back > -limits.step)),
+        tuple(_bound_names(limits, "upper", forth < limits.step)),
+        tuple(name for each in rows for name in each.names),
+    )
+
+
+def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> Constraint:
+    """|tau + T dq| <= torque; approached by `gain` of the distance a step, and left at what a step can do."""
+    limited_joints = np.flatnonzero(np.isfinite(limits.torque))
+    if not len(limited_joints):
+        return Constraint(np.zeros((0, len(efforts))), np.zeros(0), ())
+    excess = np.sign(efforts) * np.maximum(np.abs(efforts) - limits.torque, 0.0)
+    share = gain
+    if excess.any():  # dq = -share T^-1 excess must fit into the step
+        back = np.abs(np.linalg.lstsq(T, excess, rcond=None)[0])
+        share *= min(1.0, 0.5 * float(np.min(limits.step / np.maximum(back, 1e-300))))
+    room = np.concatenate([limits.torque - efforts, limits.torque + efforts])
+    kept = np.concatenate([limited_joints, len(efforts) + limited_joints])
+    names = [f"{limits.names[j]} torque" for j in limited_joints]
+    return Constraint(
+        np.concatenate([T, -T])[kept],
+        np.where(room > 0.0, gain * room, share * room)[kept],
+        tuple(names + names),
+    )
+
+
+def _bound_names(limits: Limits, side: str, by_interval: BoolArray) -> list[str]:
+    return [
+        f"{name} {side if interval else 'speed'}"
+        for name, interval in zip(limits.names, by_interval.tolist(), strict=True)
+    ]
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else value

@@ -1,0 +1,108 @@
+"""How effector and joint efforts change with the joint commands, in static equilibrium.
+
+With S the static stiffness on free frames f and joints j (free nodes eliminated, drives D included), a change
+du of the commands moves joints and frames by
+
+    S_ff df + S_fj dtheta = 0,    (S_jj - S_jf S_ff^-1 S_fj) dtheta = D du   (compliant; else dtheta = du)
+
+Source: implicit function theorem on the equilibrium of softsim_core.dynamics.statics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.dynamics.stepper import joint_stiffness
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.pose import rotation_log
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensitivity:
+    """Derivatives by the joint commands.
+
+    Attributes:
+        effector: Shift in [m] and spin in [rad] (world axes) of the effector a unit of each command, (6, j).
+        effort: Change of the joint efforts in [N m] or [N] a unit of each command, (j, j).
+    """
+
+    effector: Array
+    effort: Array
+
+
+def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None = None) -> Sensitivity:
+    """Sensitivity effector = -S_ff^-1 S_fj, effort = S_jj - S_jf S_ff^-1 S_fj, at rest or moving.
+
+    Args:
+        simulation: With at least one joint and an end effector.
+        contact_stiffness: What contacts that hold now add to the border stiffness, shape (b, b), in the order
+            of Simulation.border_stiffness; None: none.
+
+    Raises:
+        SceneError: no end effector.
+        LinAlgError: the state is at a branch of equilibria; no derivative exists.
+    """
+    first = 6 * _effector_index(simulation)
+    model = simulation.model
+    stiffness = simulation.border_stiffness()
+    if contact_stiffness is not None:
+        stiffness = stiffness + contact_stiffness
+    frames = 6 * len(model.frame_names)
+    coupling = stiffness[:frames, frames:]
+    follow = -np.linalg.solve(stiffness[:frames, :frames], coupling)
+    effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
+    if len(model.compliant_joints):
+        drive = joint_stiffness(model)
+        moved = np.linalg.solve(*_driven(effort, drive))
+        follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
+    return Sensitivity(follow[first : first + 6], effort)
+
+
+def sampled_sensitivity(simulation: Simulation, step: float = 1e-3) -> Sensitivity:
+    """(x(u + h e_k) - x(u - h e_k)) / 2 h of equilibria around the present commands; nothing is changed.
+
+    Two equilibria a joint: a hundred times slower than the analytic one, and free of its assumptions.
+
+    Args:
+        simulation: With at least one joint and an end effector.
+        step: h in [rad] or [m].
+
+    Raises:
+        SceneError: no end effector.
+        NotConvergedError: an equilibrium was not found.
+    """
+    effector = _effector_index(simulation)
+    commands = simulation.joint_targets
+    columns, efforts = [], []
+    for k in range(len(commands)):
+        offset = np.zeros_like(commands)
+        offset[k] = step
+        ahead = simulation.equilibrium(commands + offset).state
+        behind = simulation.equilibrium(commands - offset).state
+        shift = ahead.frame_positions[effector] - behind.frame_positions[effector]
+        turn = rotation_log(ahead.frame_rotations[effector] @ behind.frame_rotations[effector].T)
+        columns.append(np.concatenate([shift, turn]) / (2.0 * step))
+        efforts.append((ahead.joint_efforts - behind.joint_efforts) / (2.0 * step))
+    return Sensitivity(np.column_stack(columns), np.column_stack(efforts))
+
+
+def _effector_index(simulation: Simulation) -> int:
+    """Number of the free frame that is the end effector."""
+    name = simulation.scene.effector
+    if name is None or not simulation.joint_names:
+        raise SceneError(
+            f"scene {simulation.scene.name} has no end effector moved by joints: inverse control needs "
+            "`effector` and `joints`"
+        )
+    return simulation.model.frame_names.index(name)
+
+
+def _driven(effort: Array, drive: Array) -> tuple[Array, Array]:
+    """Matrix and right-hand side of dtheta / du: the drive's balance where compliant, else the identity."""
+    compliant = drive > 0.0
+    matrix = np.where(compliant[:, None], effort, np.eye(len(drive)))
+    return matrix, np.diag(np.where(compliant, drive, 1.0))

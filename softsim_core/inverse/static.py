@@ -1,0 +1,225 @@
+"""Best joints for a goal in static equilibrium: quadratic programs, an equilibrium after each.
+
+    dq_k = argmin QP(e(x_k), J(x_k)),    q_k+1 = q_k + dq_k,    x_k+1 the equilibrium at q_k+1
+
+A step that does not shorten the weighted error is taken back and the next may go half as far.
+
+Source: Nocedal and Wright 2006, ch. 10 (Gauss-Newton, trust region).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.errors import NotConvergedError
+from softsim_core.inverse.problem import Limits, build
+from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
+from softsim_core.inverse.solver import Solution, solve
+from softsim_core.inverse.tasks import Task
+from softsim_core.mechanics.pose import Pose
+from softsim_core.scene.description import InverseSettings, SceneDescription
+
+MOST_STEPS = 10
+"""Quadratic programs of one search, unless told otherwise."""
+
+STEP_SHARE = 0.3
+"""Part of a joint's interval that the first step may cross."""
+
+FREE_STEP = 0.5
+"""The same in [rad] or [m] for a joint without interval."""
+
+STILL = 1e-6
+"""A last step below this, in [rad] or [m], ends the search."""
+
+CERTAIN = 1e-4
+"""A step below this, in [rad] or [m], is not taken back: what changes then is rounding."""
+
+RAMP_STEPS = 100
+"""Time steps in which `place` walks a model to where no static search gets."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSolution:
+    """Joints for a goal.
+
+    Attributes:
+        joints: Commands in [rad] or [m], shape (j,), inside the limits.
+        pose: The effector there, at rest.
+        residual_m, residual_rad: Length of the error in [m] and in [rad] over the tasks' coordinates.
+        iterations: Quadratic programs solved.
+        reachable: Whether the residual is within the settings' tolerance.
+        kkt_residual: Of the last program, in [rad] or [m].
+        active: Names of the limits that hold the last step back.
+        status: Of the last program, see Solution.
+    """
+
+    joints: Array
+    pose: Pose
+    residual_m: float
+    residual_rad: float
+    iterations: int
+    reachable: bool
+    kkt_residual: float
+    active: tuple[str, ...]
+    status: str
+
+
+def solve_pose(
+    model: SceneDescription | Simulation,
+    tasks: Task | Sequence[Task],
+    start: Array | None = None,
+    settings: InverseSettings | None = None,
+    *,
+    most_steps: int = MOST_STEPS,
+) -> PoseSolution:
+    """The joints whose equilibrium is nearest to a goal, from a start.
+
+    Args:
+        model: A scene, which is simulated with its bases where its start move leaves them; or a simulation,
+            which goes to the solution.
+        tasks: The goal.
+        start: Joints to search from in [rad] or [m], shape (j,); None: the simulation's commands, or the
+            scene's start pose.
+        settings: Weights and limits; None: the scene's.
+        most_steps: Largest number of quadratic programs.
+
+    Raises:
+        SceneError: no end effector or no joints.
+        NotConvergedError: the start has no equilibrium.
+    """
+    if isinstance(model, SceneDescription):
+        simulation = Simulation(replace(model, controllers=(), start=None))
+        simulation.settle(start_joints(model), start_shift(model))
+    else:
+        simulation = model
+    scene = simulation.scene
+    settings = scene.inverse if settings is None else settings
+    goals = list(tasks) if isinstance(tasks, Sequence) else [tasks]
+    limits = Limits.of(scene, settings, 1.0)
+    span = limits.upper - limits.lower
+    limits = replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP))
+    joints = limits.clamp(simulation.joint_targets if start is None else np.asarray(start, dtype=float))
+    simulation.settle(joints)
+    return _search(simulation, goals, settings, limits, most_steps)
+
+
+def _search(
+    simulation: Simulation, tasks: list[Task], settings: InverseSettings, limits: Limits, most_steps: int
+) -> PoseSolution:
+    wide = replace(settings, max_shift=1e3, max_turn=1e3)  # the step is limited, not the target
+    joints = posture = simulation.joint_targets
+    if settings.posture is not None:
+        posture = np.array(simulation.scene.poses[settings.posture])
+    done, solution = 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
+    sensitivity, before = sensitivity_of(simulation, settings), _length(tasks, effector(simulation))
+    while done < most_steps:
+        qp = build(
+            tasks, sensitivity, effector(simulation), joints, simulation.joint_efforts, limits, wide,
+            posture=posture,
+        )  # fmt: skip
+        solution, done = solve(qp), done + 1
+        step = float(np.abs(solution.dq).max(initial=0.0))
+        if solution.status != "solved" or step == 0.0:
+            break
+        trial, back = limits.clamp(joints + solution.dq), simulation.snapshot()
+        worse = not _settles(simulation, trial)
+        after = before if worse else _length(tasks, effector(simulation))
+        if worse or (after > before and step > CERTAIN):
+            simulation.restore(back)
+            limits = replace(limits, step=np.full_like(joints, 0.5 * step))
+            continue
+        joints, before = trial, after
+        if step <= STILL:
+            break
+        sensitivity = sensitivity_of(simulation, settings)
+    return _result(simulation, tasks, settings, joints, done, solution)
+
+
+def _settles(simulation: Simulation, joints: Array) -> bool:
+    try:
+        simulation.settle(joints)
+    except NotConvergedError:
+        return False
+    return True
+
+
+def _length(tasks: Sequence[Task], pose: Pose) -> float:
+    """Weighted length of all errors in [m]."""
+    return float(np.sqrt(sum(float(((task.weights * task.error(pose)) ** 2).sum()) for task in tasks)))
+
+
+def _result(
+    simulation: Simulation, tasks: list[Task], settings: InverseSettings, joints: Array, done: int,
+    solution: Solution,
+) -> PoseSolution:  # fmt: skip
+    pose = effector(simulation)
+    shift, turn = residuals(tasks, pose)
+    reachable = shift <= settings.tolerance and turn <= settings.tolerance_turn
+    return PoseSolution(
+        joints, pose, shift, turn, done, reachable, solution.kkt_residual, solution.active, solution.status
+    )
+
+
+def residuals(tasks: Sequence[Task], pose: Pose) -> tuple[float, float]:
+    """Lengths of the errors that are lengths [m] and that are angles [rad], unweighted.
+
+    Coordinates of weight 0 do not count.
+    """
+    shift = turn = 0.0
+    for task in tasks:
+        for error, angular, weight in zip(task.error(pose), task.angular, task.weights, strict=True):
+            if weight > 0.0 and angular:
+                turn += float(error) ** 2
+            elif weight > 0.0:
+                shift += float(error) ** 2
+    return float(np.sqrt(shift)), float(np.sqrt(turn))
+
+
+def effector(simulation: Simulation) -> Pose:
+    """Pose of the end effector of a scene that has one."""
+    pose = simulation.effector_pose
+    assert pose is not None
+    return pose
+
+
+def sensitivity_of(simulation: Simulation, settings: InverseSettings) -> Sensitivity:
+    """Derivatives by the back end that the settings name."""
+    of = analytic_sensitivity if settings.backend == "analytic" else sampled_sensitivity
+    return of(simulation)
+
+
+def start_joints(scene: SceneDescription) -> Array:
+    """Joints in [rad] or [m] at which the scene's start move ends; without one, rest; shape (j,)."""
+    if scene.start is not None:
+        return np.array(scene.poses[scene.start.pose])
+    return np.array([joint.rest for joint in scene.joints], dtype=float)
+
+
+def start_shift(scene: SceneDescription) -> float:
+    """Base shift in [m] at which the scene's start move ends; without one, 0."""
+    return 0.0 if scene.start is None else scene.start.base_shift
+
+
+def place(simulation: Simulation, joints: Array, base_shift: float) -> None:
+    """Stand at rest at given joints, reached from the rest shape; where statics fail, by walking there.
+
+    Raises:
+        CommandError: wrong length or not finite.
+        SolverDivergedError: neither way works; the simulation is somewhere on the way.
+    """
+    simulation.reset()
+    try:
+        simulation.settle(joints, base_shift)
+    except NotConvergedError:
+        first = simulation.joint_targets
+        for part in np.linspace(0.0, 1.0, RAMP_STEPS):
+            simulation.base_shift = part * base_shift
+            simulation.command(first + part * (joints - first))
+            simulation.step()
+        for _ in range(RAMP_STEPS):
+            simulation.step()
