@@ -156,7 +156,11 @@ class ClosedLoopLog:
         self._writer.writerow(COLUMNS)
 
     def write(
-        self, time: float, reference: Sequence[float], command: Sequence[float], measure: Sequence[float]
+        self,
+        time: float,
+        reference: Sequence[float] | Array,
+        command: Sequence[float] | Array,
+        measure: Sequence[float] | Array,
     ) -> None:
         """Append one row: time in [s], then (x, z) tilts in [rad] of the log's axes."""
         pairs = zip(reference, command, measure, strict=True)

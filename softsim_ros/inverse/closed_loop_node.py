@@ -1,0 +1,276 @@
+"""The node `closed_loop`: measured tilts and their reference in, goals of the inverse controller out."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu
+from std_srvs.srv import SetBool
+
+from softsim_core import SceneDescription, load_scene
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
+from softsim_core.inverse.paths import MAZE_LIFT_M
+from softsim_core.inverse.tilts import tilt_rotation
+from softsim_core.mechanics.pose import quaternion_of
+from softsim_ros.inverse import answers
+from softsim_ros.inverse.robot import WORLD, check_frame, effector_rest, robot_parameter
+from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
+from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
+from softsim_ros.messages import diagnostic_array, pose_stamped
+from softsim_ros.messages.diagnostics import OK, WARN
+from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
+from softsim_ros.simulator.parameters import declare_robot
+
+NODE_NAME: Final = "closed_loop"
+MEASURES: Final = ("imu", "effector_pose")
+GAINS: Final = {
+    "kp": "proportional",
+    "ki": "integral",
+    "anti_windup": "anti_windup",
+    "saturation": "saturation",
+}
+
+
+class ClosedLoop(ClosableNode):
+    """Tilts the goal until the measured tilts are the wanted ones.
+
+    Args:
+        robot: Name or path of the robot, or its scene; None takes the parameter `robot`.
+        context: rclpy context; None takes the default one.
+        namespace: None takes the robot's name.
+        parameter_overrides: Values at start, over those of the command line.
+
+    Raises:
+        SoftSimError: the robot is not known, a parameter is not allowed, or the log cannot be written.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+    ) -> None:
+        if robot is None:
+            robot = robot_parameter(NODE_NAME, context, parameter_overrides)
+        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            namespace=scene.name if namespace is None else namespace,
+            parameter_overrides=list(parameter_overrides),
+        )
+        self._log: ClosedLoopLog | None = None
+        try:
+            self._begin(scene, scene.name if isinstance(robot, SceneDescription) else str(robot))
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, scene: SceneDescription, robot: str) -> None:
+        self.robot = scene.name
+        declare_robot(self, robot)
+        rest = effector_rest(scene)
+        self._declare(rest[2] + MAZE_LIFT_M)
+        self._position = np.array([rest[0], rest[1], self._number("height")])
+        self._turn = 0.0
+        self._loop = TiltLoop(self._gains({}), self._number("measure_timeout"))
+        self._source = str(self.get_parameter("measure").value)
+        self._enabled = False
+        self._step: LoopStep | None = None
+        self._said = ""
+        file = str(self.get_parameter("log_file").value)
+        self._log = ClosedLoopLog(Path(file).expanduser()) if file else None
+        self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(Vector3Stamped, "tilt_reference", self._on_tilts, 1)
+        self.create_subscription(PoseStamped, "effector_reference", self._on_reference, 1)
+        if self._source == "imu":
+            self.create_subscription(Imu, "imu", self._on_imu, 1)
+        else:
+            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+        self.create_service(SetBool, "~/enable", answers.switch(self.enable))
+        self.add_on_set_parameters_callback(self._on_parameters)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / self._number("rate"), self._tick, clock=steady)
+        self.create_timer(1.0, self._report, clock=steady)
+        if self.get_parameter("enabled").value:
+            self.enable(True)
+        self.get_logger().info(f"measures tilts on {self._source}; {'on' if self._enabled else 'off'}")
+
+    def _declare(self, height: float) -> None:
+        law = TiltGains()
+        declare_number(self, "kp", law.proportional, "Proportional gain", 0.0, 100.0)
+        declare_number(self, "ki", law.integral, "Integral gain in 1/s", 0.0, 1000.0)
+        declare_number(self, "anti_windup", law.anti_windup, "Anti-windup gain in 1/s", 0.0, 1000.0)
+        declare_number(self, "saturation", law.saturation, "Largest tilt of the goal in rad", 1e-3, 1.5)
+        declare_number(self, "height", height, "Height of the goal in m", -10.0, 10.0)
+        declare_number(self, "rate", 50.0, "Steps a second, set at start", 1.0, 1000.0)
+        declare_number(
+            self, "measure_timeout", 0.5, "A measure older than this, in s, holds the command", 0.01, 60.0
+        )
+        declare_text(self, "measure", MEASURES[0], "Topic of the measured orientation", choices=MEASURES)
+        declare_text(
+            self, "log_file", "", "File for a row of comma separated values a step; none where empty"
+        )
+        declare_switch(self, "enabled", False, "Switch the loop on at start", read_only=True)
+
+    def _number(self, name: str) -> float:
+        return float(self.get_parameter(name).value)
+
+    def _gains(self, changed: dict[str, float]) -> TiltGains:
+        values = {name: changed[name] if name in changed else self._number(name) for name in GAINS}
+        return TiltGains(**{GAINS[name]: value for name, value in values.items()})
+
+    def close(self) -> None:
+        """Close the log, then destroy the node; a second call does nothing."""
+        if self._log is not None:
+            with suppress(OSError):
+                self._log.close()
+            self._log = None
+        super().close()
+
+    def enable(self, enabled: bool) -> str:
+        """Begin anew (no integral, time 0), or give no goals any more; returns a sentence."""
+        if enabled and not self._enabled:
+            self._loop.begin(time.monotonic())
+        self._enabled = enabled
+        waits = enabled and not self._loop.has_measure
+        return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
+
+    # --- messages -------------------------------------------------------------------------------------
+
+    def _on_tilts(self, message: Vector3Stamped) -> None:
+        try:
+            if message.header.frame_id:
+                check_frame("tilt reference", message.header.frame_id, self.robot)
+            self._loop.reference = reference_tilts(message)
+        except CommandError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+
+    def _on_reference(self, message: PoseStamped) -> None:
+        place = message.pose.position
+        position = np.array([place.x, place.y, place.z])
+        try:
+            check_frame("reference", message.header.frame_id, self.robot)
+            if not np.isfinite(position).all():
+                raise CommandError(f"reference refused: position {position.tolist()} is not finite")
+            tilts = pose_tilts(message.pose.orientation)
+        except CommandError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+            return
+        self._position, self._turn = position, tilts.turn
+        self._loop.reference = np.array([tilts.x, tilts.y])
+
+    def _on_imu(self, message: Imu) -> None:
+        try:
+            self._take(imu_tilts(message))
+        except CommandError as error:
+            self._say(f"imu is not used, the old measure is kept: {error}")
+
+    def _on_effector(self, message: PoseStamped) -> None:
+        try:
+            tilts = pose_tilts(message.pose.orientation)
+            self._take(np.array([tilts.x, tilts.y]))
+        except CommandError as error:
+            self._say(f"effector_pose is not used, the old measure is kept: {error}")
+
+    def _take(self, tilts: Array) -> None:
+        self._loop.measured(tilts, time.monotonic())
+        if self._said:
+            self.get_logger().info(f"measuring on {self._source} again")
+            self._said = ""
+
+    def _say(self, sentence: str) -> None:
+        """Warn of a trouble once; it ends with the next good measure."""
+        if not self._said:
+            self.get_logger().warning(sentence)
+        self._said = sentence
+
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        values = {parameter.name: parameter.value for parameter in parameters}  # types are checked by rclpy
+        if "rate" in values:
+            return SetParametersResult(successful=False, reason="rate is set at start; restart the node")
+        try:
+            gains = self._gains({name: float(value) for name, value in values.items() if name in GAINS})
+        except SoftSimError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._loop.controller.gains = gains
+        if "height" in values:
+            self._position[2] = float(values["height"])
+        if "measure_timeout" in values:
+            self._loop.measure_timeout = float(values["measure_timeout"])
+        return SetParametersResult(successful=True)
+
+    # --- time -----------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        if not self._enabled:
+            return
+        step = self._loop.step(time.monotonic())
+        if step is None:
+            self._say(f"waiting: nothing was measured on {self._source} yet, so no goal is given")
+            return
+        if step.holds:
+            self._say(f"holding: nothing was measured on {self._source} for {self._loop.measure_timeout:g} s")
+        self._step = step
+        orientation = quaternion_of(tilt_rotation(step.command[0], step.command[1], self._turn))
+        stamp = self.get_clock().now().to_msg()
+        self._goals.publish(pose_stamped(stamp, WORLD, self._position, orientation))
+        if not step.holds:
+            self._write(step)
+
+    def _write(self, step: LoopStep) -> None:
+        """A row of the log; its x axis is our y, and its z our x."""
+        if self._log is None:
+            return
+        try:
+            self._log.write(step.time, step.reference[::-1], step.command[::-1], step.measure[::-1])
+        except OSError as error:
+            self.get_logger().error(f"{self._log.file} is not written any more: {error.strerror}")
+            self._log = None
+
+    def _report(self) -> None:
+        step = self._step
+        if self._log is not None:
+            with suppress(OSError):  # the next row says it
+                self._log.flush()
+        state = (
+            "off" if not self._enabled else "waiting" if step is None else "holding" if step.holds else "on"
+        )
+        values: dict[str, object] = {"state": state, "measure": self._source}
+        if step is not None:
+            for name in ("reference", "command", "measure"):
+                values[f"{name}_x_rad"], values[f"{name}_y_rad"] = map(float, getattr(step, name))
+            values["saturated"] = self._loop.controller.is_saturated
+            values["time_s"] = step.time
+        level, sentence = (WARN, self._said) if self._enabled and self._said else (OK, state)
+        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the closed loop as a process; returns the exit code."""
+    return run_node(ClosedLoop, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,323 @@
+"""The node `path_follower`: plays a path from a file or a topic as goals of the inverse controller."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+from softsim_core import SceneDescription, load_scene
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.inverse.path_files import find_path, read_path
+from softsim_core.inverse.paths import EffectorPath
+from softsim_ros.inverse import answers
+from softsim_ros.inverse.path_messages import effector_path
+from softsim_ros.inverse.path_player import PathPlayer
+from softsim_ros.inverse.robot import WORLD, effector_rest, robot_parameter
+from softsim_ros.messages import diagnostic_array, diagnostic_values, pose_stamped
+from softsim_ros.messages.diagnostics import OK, WARN
+from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
+from softsim_ros.simulator.parameters import declare_robot
+from softsim_ros.teleop.services import AsyncService
+
+NODE_NAME: Final = "path_follower"
+GOAL_PERIOD_S: Final = 0.02
+"""Goals come at 50 Hz while a path runs."""
+
+PROGRESS_PERIOD_S: Final = 0.1
+DISCOVERY_S: Final = 5.0
+"""An automatic start waits for the other nodes at most this long."""
+
+STARTS: Final = ("rest", "measured")
+
+
+class PathFollower(ClosableNode):
+    """Gives timed goals to the inverse controller of its namespace.
+
+    Args:
+        robot: Name or path of the robot, or its scene; None takes the parameter `robot`.
+        context: rclpy context; None takes the default one.
+        namespace: None takes the robot's name.
+        parameter_overrides: Values at start, over those of the command line.
+
+    Raises:
+        SoftSimError: robot or file are not known, or a parameter is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+    ) -> None:
+        if robot is None:
+            robot = robot_parameter(NODE_NAME, context, parameter_overrides)
+        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            namespace=scene.name if namespace is None else namespace,
+            parameter_overrides=list(parameter_overrides),
+        )
+        try:
+            self._begin(scene, scene.name if isinstance(robot, SceneDescription) else str(robot))
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, scene: SceneDescription, robot: str) -> None:
+        self.robot, self._rest = scene.name, effector_rest(scene)
+        declare_robot(self, robot)
+        self._declare()
+        self._player = PathPlayer()
+        self._received: EffectorPath | None = None
+        self._measured: Array | None = None
+        self._enabled = True
+        self._inverse_is_on = False
+        self._inverse_was_on = False
+        self._problem = ""
+        self._start_by: float | None = (
+            None  # an automatic start is due as soon as it can be, at the latest then
+        )
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        self._path_clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._ticked_at = self._now()
+        self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
+        self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
+        self._progress = self.create_publisher(Float64, "~/progress", 1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(PathMessage, "path", self._on_path, 1)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self.create_service(Trigger, "~/start", answers.trigger(self.start))
+        self.create_service(SetBool, "~/pause", answers.switch(self.pause))
+        self.create_service(SetBool, "~/enable", answers.switch(self.enable))
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.create_timer(GOAL_PERIOD_S, self._tick, clock=self._path_clock)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PROGRESS_PERIOD_S, self._publish_progress, clock=steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        if self._file:
+            path = read_path(self._file, self._rest)
+            self.get_logger().info(f"path {self._file}: {path.duration:g} s; call {NODE_NAME}/start")
+        else:
+            self.get_logger().info("no file is named: waiting for a message on the topic path")
+        if self.get_parameter("autostart").value and self._file:
+            self._start_by = time.monotonic() + DISCOVERY_S
+
+    def _declare(self) -> None:
+        self._file = declare_text(
+            self,
+            "file",
+            "",
+            "Path: a maze plan (.json) or timed poses (.csv); a file, or a name in configs/paths",
+            read_only=False,
+        )
+        declare_text(
+            self,
+            "start_from",
+            STARTS[0],
+            "Where a maze plan begins: at the effector's place on the robot at rest, or where it is measured",
+            choices=STARTS,
+        )
+        declare_switch(self, "loop", False, "Begin again at the end")
+        declare_number(self, "speed", 1.0, "Seconds of the path a second", 0.0, 100.0)
+        declare_switch(self, "autostart", False, "Start as soon as the node runs, or a path arrives")
+        declare_switch(
+            self, "enable_inverse", True, "Switch the inverse controller on at the start of a path"
+        )
+        declare_switch(
+            self, "start_with_inverse", False, "Start when the inverse controller is switched on (key I)"
+        )
+
+    # --- services -------------------------------------------------------------------------------------
+
+    def start(self) -> str:
+        """Play the path from its beginning; returns a sentence.
+
+        Raises:
+            SoftSimError: disabled, no path, or a wrong one.
+        """
+        self._start_by = None
+        if not self._enabled:
+            raise CommandError(f"the path follower is off; call {NODE_NAME}/enable with true first")
+        path = self._path()
+        self._player.start(path)
+        self._problem, self._inverse_was_on = "", self._inverse_is_on
+        self._ticked_at = self._now()
+        self._switch_inverse_on()
+        return f"path started: {path.duration:g} s"
+
+    def pause(self, paused: bool) -> str:
+        """Stay where the path is, or go on; returns a sentence.
+
+        Raises:
+            CommandError: no path runs.
+        """
+        self._player.pause(paused)
+        self._ticked_at = self._now()
+        return f"{'paused' if paused else 'running'} at {self._player.time:.2f} s"
+
+    def enable(self, enabled: bool) -> str:
+        """Allow paths to run, or stop the one that does and refuse others; returns a sentence."""
+        self._enabled = enabled
+        if enabled:
+            return "ready"
+        self._player.stop()
+        return "off: no goals are given"
+
+    def _path(self) -> EffectorPath:
+        if self._received is not None:
+            return self._received
+        if not self._file:
+            raise CommandError("there is no path; set the parameter file, or send one on the topic path")
+        start = self._rest
+        if self.get_parameter("start_from").value == "measured" and find_path(self._file).suffix == ".json":
+            if self._measured is None:
+                raise CommandError(
+                    "no effector_pose was heard yet; start the simulator, or set start_from to rest"
+                )
+            start = self._measured
+        return read_path(self._file, start)
+
+    def _switch_inverse_on(self) -> None:
+        if not self.get_parameter("enable_inverse").value or self._inverse_is_on or self._inverse.is_busy:
+            return
+        if not self._inverse.is_there:
+            self._warn(f"nobody serves {self._inverse.name}: the goals are given all the same")
+            return
+        self._inverse.call(SetBool.Request(data=True), time.monotonic(), self._on_inverse_answer)
+
+    def _on_inverse_answer(self, response: SetBool.Response | None) -> None:
+        if response is None or not response.success:
+            reason = "no answer" if response is None else response.message
+            self._player.stop()
+            self._warn(f"stopped: the inverse controller cannot be switched on: {reason}")
+
+    # --- messages -------------------------------------------------------------------------------------
+
+    def _on_path(self, message: PathMessage) -> None:
+        try:
+            self._received = effector_path(message, self.robot)
+            self.get_logger().info(
+                f"path received: {len(message.poses)} poses, {self._received.duration:g} s"
+            )
+            if self._player.state == "running" or self.get_parameter("autostart").value:
+                self.start()
+        except SoftSimError as error:
+            self._warn(str(error))
+
+    def _on_effector(self, message: PoseStamped) -> None:
+        place = message.pose.position
+        self._measured = np.array([place.x, place.y, place.z])
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        name = f"{self.get_namespace().strip('/')}/inverse_controller".lstrip("/")
+        values = diagnostic_values(message, name)
+        if "mode" not in values:
+            return
+        was_on, self._inverse_is_on = self._inverse_is_on, values["mode"] != "off"
+        if self._inverse_is_on:
+            self._inverse_was_on = True
+            if not was_on and self._player.state != "running" and self._starts_with_inverse():
+                self._attempt_start()
+        elif self._inverse_was_on and self._player.state in ("running", "paused"):
+            self._player.stop()
+            self._warn("stopped: the inverse controller was switched off")
+
+    def _starts_with_inverse(self) -> bool:
+        return bool(self.get_parameter("start_with_inverse").value)
+
+    def _can_start(self) -> bool:
+        """Whether those a start depends on have been found."""
+        needs_place = self.get_parameter("start_from").value == "measured" and self._measured is None
+        needs_inverse = bool(self.get_parameter("enable_inverse").value) and not self._inverse.is_there
+        return not needs_place and not needs_inverse
+
+    def _attempt_start(self) -> None:
+        try:
+            self.get_logger().info(self.start())
+        except SoftSimError as error:
+            self._warn(str(error))
+
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "file":
+                try:
+                    if parameter.value:
+                        read_path(str(parameter.value), self._rest)
+                except SoftSimError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+                self._file, self._received = str(parameter.value), None
+        return SetParametersResult(successful=True)
+
+    # --- time -----------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        now = self._now()
+        elapsed, self._ticked_at = max(now - self._ticked_at, 0.0), now
+        self._inverse.expire(time.monotonic())
+        if self._start_by is not None and (self._can_start() or time.monotonic() > self._start_by):
+            self._attempt_start()
+        speed, loop = float(self.get_parameter("speed").value), bool(self.get_parameter("loop").value)
+        pose = self._player.advance(speed * elapsed, loop=loop)
+        if pose is None:
+            return
+        stamp = self.get_clock().now().to_msg()
+        self._goals.publish(pose_stamped(stamp, WORLD, pose.position, pose.quaternion_xyzw))
+        if self._player.state == "ended":
+            self._publish_progress(last=True)
+            self.get_logger().info("the path has ended; its last goal is held")
+
+    def _publish_progress(self, last: bool = False) -> None:
+        if last or self._player.state == "running":
+            self._progress.publish(Float64(data=self._player.percent))
+
+    def _publish_diagnostics(self) -> None:
+        player = self._player
+        values: dict[str, object] = {
+            "state": player.state if self._enabled else "off",
+            "path": "topic" if self._received is not None else self._file or "none",
+            "time_s": player.time,
+            "duration_s": player.path.duration if player.path is not None else 0.0,
+            "percent": player.percent,
+            "rounds": player.rounds,
+            "inverse": "on" if self._inverse_is_on else "off or unknown",
+        }
+        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
+        level, sentence = (WARN, self._problem) if self._problem else (OK, str(values["state"]))
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+
+    def _now(self) -> float:
+        return float(self._path_clock.now().nanoseconds) * 1e-9
+
+    def _warn(self, sentence: str) -> None:
+        self._problem = sentence
+        self.get_logger().warning(sentence)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the path follower as a process; returns the exit code."""
+    return run_node(PathFollower, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

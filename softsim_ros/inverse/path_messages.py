@@ -1,0 +1,37 @@
+"""nav_msgs/Path to an effector path."""
+
+from __future__ import annotations
+
+import numpy as np
+from nav_msgs.msg import Path as PathMessage
+
+from softsim_core.inverse.paths import EffectorPath, PathRefusedError
+from softsim_ros.inverse.robot import check_frame
+
+
+def effector_path(message: PathMessage, robot: str) -> EffectorPath:
+    """The path of a message; its poses' stamps, counted from the first one, are the times.
+
+    Args:
+        message: Poses in `world` (or the robot's base, which is the same); a pose's own frame may be empty.
+        robot: Name of the robot.
+
+    Raises:
+        CommandError: unknown frame, no poses, stamps that do not increase, or a number that is not finite.
+    """
+    check_frame("path", message.header.frame_id, robot)
+    for pose in message.poses:
+        if pose.header.frame_id:
+            check_frame("path", pose.header.frame_id, robot)
+    if not message.poses:
+        raise PathRefusedError("it has no poses")
+    stamps = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in message.poses]
+    first = stamps[0]
+    times = [float(sec - first[0]) + 1e-9 * (nanosec - first[1]) for sec, nanosec in stamps]
+    places = [pose.pose.position for pose in message.poses]
+    turns = [pose.pose.orientation for pose in message.poses]
+    return EffectorPath(
+        times,
+        np.array([(place.x, place.y, place.z) for place in places]),
+        np.array([(turn.x, turn.y, turn.z, turn.w) for turn in turns]),
+    )

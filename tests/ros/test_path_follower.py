@@ -1,0 +1,215 @@
+"""The path follower over its topics and services."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from nav_msgs.msg import Path as PathMessage  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from softsim_core.errors import ConfigError  # noqa: E402
+from softsim_ros.inverse.path_follower_node import PathFollower  # noqa: E402
+from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
+from softsim_ros.messages.diagnostics import OK, diagnostic_values  # noqa: E402
+from softsim_ros.runtime import SpinThread  # noqa: E402
+
+PLAN = '{"anglePlanningTable": [[0.1, 0.0], [0.0, -0.1]]}'
+
+
+class Bench:
+    """A path follower and what it says."""
+
+    def __init__(self, follower: PathFollower, client: Any) -> None:
+        self.follower, self.client = follower, client
+        self.goals: list[Any] = client.collect(PoseStamped, "effector_goal")
+        self.progress: list[Any] = client.collect(Float64, "path_follower/progress")
+        self.reports: list[Any] = client.collect(DiagnosticArray, "/diagnostics")
+
+    def start(self) -> tuple[bool, str]:
+        answer = self.client.call(Trigger, "path_follower/start")
+        return answer.success, answer.message
+
+    def switch(self, name: str, on: bool) -> tuple[bool, str]:
+        answer = self.client.call(SetBool, f"path_follower/{name}", SetBool.Request(data=on))
+        return answer.success, answer.message
+
+    @property
+    def state(self) -> str:
+        values = [diagnostic_values(report, "tripod/path_follower") for report in self.reports]
+        return next((each["state"] for each in reversed(values) if each), "unknown")
+
+
+@pytest.fixture
+def start_follower(ros_domain: int, client: Any, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
+    context = Context()
+    context.init(args=[], domain_id=ros_domain)
+    opened: list[tuple[PathFollower, SpinThread]] = []
+
+    def start(plan: str | None = PLAN, **parameters: Any) -> Bench:
+        if plan is not None:
+            file = tmp_path / "plan.json"
+            file.write_text(plan)
+            parameters["file"] = str(file)
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        follower = PathFollower("tripod", context=context, parameter_overrides=overrides)
+        thread = SpinThread([follower], context)
+        opened.append((follower, thread))
+        thread.__enter__()
+        bench = Bench(follower, client)
+        assert client.node.wait_for_node("/tripod/path_follower", 15.0)
+        return bench
+
+    yield start
+    for follower, thread in opened:
+        thread.close()
+        follower.close()
+    context.try_shutdown()
+
+
+def test_a_plan_is_played_to_its_end(start_follower: Any, spin_until: Any) -> None:
+    bench = start_follower(enable_inverse=False, speed=4.0)
+    assert not bench.goals  # nothing is sent before the start
+    assert bench.start() == (True, "path started: 1 s")
+    assert spin_until(lambda: bench.progress and bench.progress[-1].data == 100.0)
+    assert spin_until(lambda: bench.state == "ended")
+    last, count = bench.goals[-1], len(bench.goals)
+    assert last.header.frame_id == "world"
+    assert last.pose.position.z == pytest.approx(0.05)  # 30 mm at rest, 20 mm up
+    assert (last.pose.orientation.x, last.pose.orientation.y) == pytest.approx((-math.sin(0.05), 0.0))
+    assert bench.switch("pause", True) == (False, "no path is running (it is ended); call start first")
+    assert len(bench.goals) == count  # the last goal is held by whoever follows it
+    assert bench.start()[0]
+    assert spin_until(lambda: len(bench.goals) > count)
+
+
+def test_pause_and_enable(start_follower: Any, spin_until: Any) -> None:
+    bench = start_follower(enable_inverse=False, loop=True)
+    assert bench.switch("enable", False) == (True, "off: no goals are given")
+    assert bench.start() == (False, "the path follower is off; call path_follower/enable with true first")
+    assert bench.switch("enable", True) == (True, "ready")
+    assert bench.start()[0]
+    assert spin_until(lambda: len(bench.goals) > 5)
+    done, sentence = bench.switch("pause", True)
+    assert done
+    assert sentence.startswith("paused at ")
+    time = bench.follower._player.time
+    assert spin_until(lambda: bench.state == "paused")
+    assert bench.follower._player.time == time
+    assert bench.switch("pause", False)[0]
+    assert spin_until(lambda: bench.follower._player.rounds > 0)  # the plan takes one second
+    assert bench.switch("enable", False)[0]
+    assert spin_until(lambda: bench.state == "off")
+
+
+def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
+    start_follower: Any, client: Any, spin_until: Any
+) -> None:
+    calls: list[bool] = []
+
+    def answer(request: Any, response: Any) -> Any:
+        calls.append(request.data)
+        response.success, response.message = len(calls) > 1, "the joints were not heard of yet"
+        return response
+
+    service = client.node.create_service(SetBool, "inverse_controller/enable", answer)
+    try:
+        bench = start_follower(loop=True)
+        assert spin_until(lambda: bench.follower._inverse.is_there)
+        assert bench.start()[0]
+        assert spin_until(lambda: bench.follower._player.state == "idle")
+        assert bench.follower._problem == (
+            "stopped: the inverse controller cannot be switched on: the joints were not heard of yet"
+        )
+        assert bench.start()[0]
+        assert spin_until(lambda: len(calls) == 2)
+        report(client, "following")
+        assert spin_until(lambda: bench.follower._inverse_is_on)
+        assert bench.follower._player.state == "running"
+        report(client, "off")
+        assert spin_until(lambda: bench.follower._player.state == "idle")
+        assert bench.follower._problem == "stopped: the inverse controller was switched off"
+    finally:
+        client.node.destroy_service(service)
+
+
+def test_it_starts_when_inverse_control_is_switched_on(
+    start_follower: Any, client: Any, spin_until: Any
+) -> None:
+    bench = start_follower(start_with_inverse=True)
+    report(client, "off")
+    report(client, "holding")
+    assert spin_until(lambda: bench.follower._player.state == "running")
+    assert spin_until(lambda: len(bench.goals) > 0)
+
+
+def report(client: Any, mode: str) -> None:
+    """Say what an inverse controller says of itself."""
+    stamp = client.node.get_clock().now().to_msg()
+    client.publish(
+        "/diagnostics",
+        diagnostic_array(stamp, "tripod/inverse_controller", "tripod", OK, mode, {"mode": mode}),
+    )
+
+
+def path_message(frame: str = "world", spacing: float = 0.2) -> PathMessage:
+    message = PathMessage()
+    message.header.frame_id = frame
+    for k in range(3):
+        stamp = time_message(100.0 + spacing * k)
+        message.poses.append(pose_stamped(stamp, "", (0.0, 0.001 * k, 0.04), (0.0, 0.0, 0.0, 1.0)))
+    return message
+
+
+def test_a_path_comes_as_a_message(start_follower: Any, client: Any, spin_until: Any) -> None:
+    bench = start_follower(None, enable_inverse=False)
+    assert bench.start() == (
+        False,
+        "there is no path; set the parameter file, or send one on the topic path",
+    )
+    for wrong, sentence in (
+        (path_message(frame="moon"), "unknown frame_id 'moon'; allowed: world, tripod_base"),
+        (path_message(spacing=0.0), "path refused at pose 1: times must be >= 0 s and strictly increasing"),
+    ):
+        client.publish("path", wrong)
+        assert spin_until(lambda sentence=sentence: sentence in bench.follower._problem)
+    client.publish("path", path_message())
+    assert spin_until(lambda: bench.follower._received is not None)
+    assert bench.start() == (True, "path started: 0.4 s")
+    assert spin_until(lambda: bench.goals and bench.goals[-1].pose.position.y == pytest.approx(0.002))
+
+
+def test_a_maze_plan_can_begin_where_the_effector_is(
+    start_follower: Any, client: Any, spin_until: Any
+) -> None:
+    bench = start_follower(enable_inverse=False, start_from="measured", autostart=True)
+    pose = pose_stamped(time_message(0.0), "world", (0.001, 0.002, 0.025), (0.0, 0.0, 0.0, 1.0))
+    client.publish("effector_pose", pose)
+    assert spin_until(lambda: bench.goals)
+    assert bench.goals[0].pose.position.x == pytest.approx(0.001)
+    assert bench.goals[0].pose.position.z == pytest.approx(0.025, abs=2e-3)
+
+
+def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
+    with pytest.raises(ConfigError, match="row 1: must be two finite angles"):
+        start_follower('{"anglePlanningTable": [[0.1]]}')
+    with pytest.raises(ConfigError, match=r"no such file, and no known path; known paths: circle\.csv"):
+        start_follower(None, file="nowhere.csv")
+    bench = start_follower(None)
+    result = bench.follower.set_parameters([Parameter("file", value="nowhere.csv")])[0]
+    assert not result.successful
+    assert "known paths" in result.reason
+    assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
+    assert bench.start()[0]
