@@ -40,8 +40,10 @@ def small_scene() -> SceneDescription:
 
 def warm_up() -> float:
     """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took."""
+    from softsim_core.dynamics.fast.compile import forget_old_kernels
     from softsim_core.dynamics.simulation import Simulation
 
+    forget_old_kernels()
     started = perf_counter()
     simulation = Simulation(small_scene(), backend="numba")
     simulation.step()

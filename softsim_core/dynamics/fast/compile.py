@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -32,6 +33,13 @@ def _cache_directory() -> Path:
 
 
 _CACHE = str(_cache_directory())
+
+
+def forget_old_kernels() -> None:
+    """Remove what earlier versions of the kernels left beside the present cache."""
+    for folder in (Path(__file__).parent / "__pycache__").glob("kernels-*"):
+        if folder != Path(_CACHE):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def kernel(function: F) -> F:

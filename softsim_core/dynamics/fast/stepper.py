@@ -132,7 +132,7 @@ class NumbaStepper:
 
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
-        model, all_ = self.model, self._prepared
+        model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
         motion = Motion(*(getattr(state, name) for name in Motion._fields))
@@ -141,7 +141,7 @@ class NumbaStepper:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
         speed, *seconds = advance(
             motion, external, inputs.targets, inputs.base_shift, model.dt, lag, parameters.rayleigh_mass,
-            self._polar, all_.border, all_.free, all_.mixed, all_.nodes, all_.tree, all_.work,
+            self._polar, data.border, data.free, data.mixed, data.nodes, data.tree, data.work,
         )  # fmt: skip
         stages = ("assemble", "factor", "solve")
         self.stage_times = {stage: 1e3 * each for stage, each in zip(stages, seconds, strict=True)}
@@ -149,17 +149,17 @@ class NumbaStepper:
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper."""
-        model, all_ = self.model, self._prepared
+        model, data = self.model, self._prepared
         moduli = parameters.lame[model.element_body]
         result = np.zeros(len(moduli))
-        all_.work.ahead[:] = state.positions
-        for elements, ids in ((all_.free, all_.free_ids), (all_.mixed, all_.mixed_ids)):
-            von_mises_stress(state.positions, self._polar, elements, ids, moduli, all_.work, result)
+        data.work.ahead[:] = state.positions
+        for elements, ids in ((data.free, data.free_ids), (data.mixed, data.mixed_ids)):
+            von_mises_stress(state.positions, self._polar, elements, ids, moduli, data.work, result)
         return result
 
     def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
         """See Stepper."""
-        model, all_ = self.model, self._prepared
+        model, data = self.model, self._prepared
         if self._polar:
             self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
             motion = Motion(*(getattr(state, name) for name in Motion._fields))
@@ -167,10 +167,10 @@ class NumbaStepper:
             if self._soft:
                 loads -= model.spring[:, None] * (state.positions - model.rest)
             assemble_tangent(
-                motion, loads, model.spring, all_.border, all_.free, all_.mixed, all_.nodes, all_.work
+                motion, loads, model.spring, data.border, data.free, data.mixed, data.nodes, data.work
             )
-            factor(all_.tree, all_.work)
-            upper = np.triu(all_.work.schur[:, :-1])
+            factor(data.tree, data.work)
+            upper = np.triu(data.work.schur[:, :-1])
             if np.isfinite(upper).all():
                 return np.asarray(upper + np.triu(upper, 1).T)
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
@@ -182,9 +182,9 @@ class NumbaStepper:
         if tuned == self._tuned:
             return
         self._tuned = tuned
-        model, all_ = self.model, self._prepared
+        model, data = self.model, self._prepared
         moduli = parameters.lame[model.element_body] * model.elements.volumes[:, None]
-        set_moduli(all_.free, moduli[all_.free_ids])
-        set_moduli(all_.mixed, moduli[all_.mixed_ids])
+        set_moduli(data.free, moduli[data.free_ids])
+        set_moduli(data.mixed, moduli[data.mixed_ids])
         inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
-        all_.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
+        data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
