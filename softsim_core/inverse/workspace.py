@@ -1,0 +1,188 @@
+"""Where an effector gets: equilibria at joints spread over their box, their hull, tilts, conditioning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.stats import qmc
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.errors import NotConvergedError, SceneError, listing
+from softsim_core.inverse.sensitivity import analytic_sensitivity
+from softsim_core.inverse.static import start_joints, start_shift
+from softsim_core.inverse.tilts import tilts_of
+from softsim_core.mechanics.pose import rotation_of
+from softsim_core.scene.description import SceneDescription
+
+MOST_CORNERS = 64
+"""All corners of the joint box are sampled when there are no more than these."""
+
+Progress = Callable[[int, int], None]
+"""Told samples done and samples in all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workspace:
+    """Equilibria of a robot, k of them.
+
+    Attributes:
+        base_shift: Shift in [m] of the joint bases.
+        joints: Joint positions in [rad] or [m], shape (k, j).
+        positions: Effector positions in [m], shape (k, 3).
+        quaternions: Effector orientations (x, y, z, w), shape (k, 4).
+        tilts: Tilts about x and y in [rad], shape (k, 2).
+        gains: Singular values of the derivative of the position by the joints, largest first, in [m/rad] or
+            [m/m], shape (k, min(3, j)).
+        failed: Joint positions at which no equilibrium was found, shape (f, j).
+    """
+
+    base_shift: float
+    joints: Array
+    positions: Array
+    quaternions: Array
+    tilts: Array
+    gains: Array
+    failed: Array
+
+    @property
+    def volume(self) -> float:
+        """Volume of the convex hull of the positions in [m^3]; 0 where they lie in a plane."""
+        try:
+            return float(ConvexHull(self.positions).volume)
+        except (QhullError, ValueError):
+            return 0.0
+
+    @property
+    def extents(self) -> Array:
+        """Least and largest x, y, z in [m], shape (2, 3)."""
+        return np.array([self.positions.min(axis=0), self.positions.max(axis=0)])
+
+    @property
+    def tilt_range(self) -> Array:
+        """Least and largest tilt about x and y in [rad], shape (2, 2)."""
+        return np.array([self.tilts.min(axis=0), self.tilts.max(axis=0)])
+
+    @property
+    def conditions(self) -> Array:
+        """Largest by smallest gain, >= 1, shape (k,); 1 moves equally well in every direction."""
+        return np.asarray(self.gains[:, 0] / np.maximum(self.gains[:, -1], np.finfo(float).tiny))
+
+    def summary(self) -> dict[str, object]:
+        """What a person or a program asks for, as plain numbers with units in the names."""
+        low, high = self.extents.tolist()
+        tilt_low, tilt_high = self.tilt_range.tolist()
+        conditions = self.conditions
+        best = int(np.argmin(conditions))
+        return {
+            "samples": len(self.joints),
+            "failed": len(self.failed),
+            "base_shift_m": self.base_shift,
+            "volume_m3": self.volume,
+            "x_m": [low[0], high[0]],
+            "y_m": [low[1], high[1]],
+            "z_m": [low[2], high[2]],
+            "tilt_x_rad": [tilt_low[0], tilt_high[0]],
+            "tilt_y_rad": [tilt_low[1], tilt_high[1]],
+            "condition_best": float(conditions[best]),
+            "condition_median": float(np.median(conditions)),
+            "condition_worst": float(conditions.max()),
+            "best_joints": self.joints[best].tolist(),
+            "best_position_m": self.positions[best].tolist(),
+        }
+
+
+def sample_workspace(
+    scene: SceneDescription,
+    samples: int = 200,
+    base_shift: float | None = None,
+    progress: Progress | None = None,
+) -> Workspace:
+    """Equilibria at joints spread evenly over their limits, corners included; the same ones every time.
+
+    Args:
+        scene: With joints, all limited, and an end effector.
+        samples: How many, >= 4.
+        base_shift: Shift in [m] of the joint bases; None: where the robot's start move leaves them.
+        progress: Told after each sample.
+
+    Raises:
+        SceneError: no joints, no effector, a joint without limits, too few samples, or no equilibrium at all.
+    """
+    shift = start_shift(scene) if base_shift is None else base_shift
+    targets = _in_short_steps(_spread(scene, samples), start_joints(scene))
+    simulation = Simulation(replace(scene, controllers=(), start=None))
+    rows: list[tuple[Array, ...]] = []
+    failed: list[Array] = []
+    for done, joints in enumerate(targets, start=1):
+        try:
+            _settle(simulation, joints, shift)
+        except NotConvergedError:
+            failed.append(joints)
+        else:
+            rows.append((joints, *_seen(simulation)))
+        if progress is not None:
+            progress(done, len(targets))
+    if not rows:
+        raise SceneError(
+            f"{scene.name}: no equilibrium at any of {samples} joint positions; check its limits"
+        )
+    at, positions, quaternions, tilts, gains = (np.array(column) for column in zip(*rows, strict=True))
+    missing = np.array(failed).reshape(-1, len(scene.joints))
+    return Workspace(shift, at, positions, quaternions, tilts, gains, missing)
+
+
+def _spread(scene: SceneDescription, samples: int) -> Array:
+    """Joint positions, shape (samples, j): corners of the box, then a Halton sequence."""
+    if scene.effector is None or not scene.joints:
+        raise SceneError(f"{scene.name} needs joints and an effector to have a workspace")
+    if samples < 4:
+        raise SceneError(f"a workspace needs 4 samples or more, not {samples}")
+    lower = np.array([joint.limits.lower for joint in scene.joints])
+    upper = np.array([joint.limits.upper for joint in scene.joints])
+    endless = ~(np.isfinite(lower) & np.isfinite(upper))
+    if endless.any():
+        names = listing(joint.name for joint, open_ in zip(scene.joints, endless, strict=True) if open_)
+        raise SceneError(f"{scene.name}: joints without limits: {names}; give them lower and upper limits")
+    count = len(lower)
+    corners = (
+        np.array(list(product((0.0, 1.0), repeat=count)))
+        if 2**count <= MOST_CORNERS
+        else np.zeros((0, count))
+    )
+    corners = corners[: samples // 2]
+    inner = qmc.Halton(count, scramble=False).random(samples - len(corners) + 1)[1:]  # the first is a corner
+    return np.asarray(lower + (upper - lower) * np.vstack([corners, inner]))
+
+
+def _in_short_steps(points: Array, start: Array) -> Array:
+    """The points ordered so that each is the nearest of those left: a static solve starts near its end."""
+    left, here, order = list(range(len(points))), start, []
+    while left:
+        nearest = min(left, key=lambda index: float(np.linalg.norm(points[index] - here)))
+        left.remove(nearest)
+        order.append(nearest)
+        here = points[nearest]
+    return points[order]
+
+
+def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
+    """The equilibrium reached from the last one; failing that, from the rest shape."""
+    try:
+        simulation.settle(joints, shift)
+    except NotConvergedError:
+        simulation.reset()
+        simulation.settle(joints, shift)
+
+
+def _seen(simulation: Simulation) -> tuple[Array, ...]:
+    """Position, quaternion, tilts and gains of a settled simulation."""
+    pose = simulation.effector_pose
+    assert pose is not None
+    tilts = tilts_of(rotation_of(pose.quaternion_xyzw))
+    gains = np.linalg.svd(analytic_sensitivity(simulation).effector[:3], compute_uv=False)
+    return pose.position, pose.quaternion_xyzw, np.array(tilts[:2]), gains
