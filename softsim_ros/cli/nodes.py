@@ -20,6 +20,21 @@ NODES = {
     "teleop": NodeEntry(
         "softsim_ros.teleop.teleop_node", "softsim_ros", "drives a robot from this terminal's keys"
     ),
+    "inverse_controller": NodeEntry(
+        "softsim_ros.inverse.inverse_node",
+        "softsim_ros",
+        "brings a robot's effector to a goal (robot:=tripod)",
+    ),
+    "path_follower": NodeEntry(
+        "softsim_ros.inverse.path_follower_node",
+        "softsim_ros",
+        "plays a path as goals of the inverse controller (file:=circle)",
+    ),
+    "closed_loop": NodeEntry(
+        "softsim_ros.inverse.closed_loop_node",
+        "softsim_ros",
+        "tilts the goal until the measured tilts are the wanted ones (measure:=imu)",
+    ),
     "servo_bridge": NodeEntry(
         "servo_bridge.bridge_node", "servo_bridge", "writes servo packets to a serial port (port:=/dev/...)"
     ),

@@ -17,6 +17,7 @@ from servo_bridge.bridge_node import ServoBridge
 from servo_bridge.virtual_board_node import VirtualBoardNode
 from softsim_core.scene import SceneDescription
 from softsim_ros.cli.status_line import show_status
+from softsim_ros.inverse.inverse_node import InverseControl
 from softsim_ros.runtime import SpinThread
 from softsim_ros.simulator.simulator_node import Simulator
 from softsim_ros.teleop.held_output import HeldOutput
@@ -49,11 +50,15 @@ class Station:
         scene: The robot.
         namespace: Namespace of every node, without slashes at its ends.
         board: The bridge's board.
+        inverse: With inverse control, disabled until key I.
     """
 
-    def __init__(self, scene: SceneDescription, namespace: str, board: BoardChoice) -> None:
+    def __init__(
+        self, scene: SceneDescription, namespace: str, board: BoardChoice, *, inverse: bool = False
+    ) -> None:
         self.virtual_board: VirtualBoardNode | None = None
         self.bridge: ServoBridge | None = None
+        self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
             self.simulator = Simulator(scene, namespace=namespace)
             stack.callback(self.simulator.close)
@@ -61,6 +66,10 @@ class Station:
             stack.enter_context(SpinThread([self.simulator]))
             if hardware:
                 stack.enter_context(SpinThread(hardware))
+            if inverse:
+                self.inverse = InverseControl(scene, namespace=namespace)
+                stack.callback(self.inverse.close)
+                stack.enter_context(SpinThread([self.inverse]))
             self._stack = stack.pop_all()
 
     def _add_bridge(
@@ -100,7 +109,14 @@ class Station:
         self._stack.close()
 
 
-def run_station(scene: SceneDescription, namespace: str, board: BoardChoice, interactive: bool) -> int:
+def run_station(
+    scene: SceneDescription,
+    namespace: str,
+    board: BoardChoice,
+    interactive: bool,
+    *,
+    inverse: bool = False,
+) -> int:
     """Run a robot until its person or a signal ends it.
 
     Args:
@@ -108,6 +124,7 @@ def run_station(scene: SceneDescription, namespace: str, board: BoardChoice, int
         namespace: Namespace of every node.
         board: The bridge's board.
         interactive: Show the teleop in this terminal; else a status line.
+        inverse: With inverse control.
 
     Returns:
         Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
@@ -118,7 +135,7 @@ def run_station(scene: SceneDescription, namespace: str, board: BoardChoice, int
     print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
     rclpy.init(args=[])
     try:
-        with Station(scene, namespace, board) as station:
+        with Station(scene, namespace, board, inverse=inverse) as station:
             try:
                 if not (interactive and _drive(scene, namespace)):
                     show_status(station.simulator, station.bridge, station.virtual_board)

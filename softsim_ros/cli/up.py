@@ -1,4 +1,4 @@
-"""`softsim up ROBOT`: simulator, servo bridge and virtual board in one process, driven from this terminal."""
+"""`softsim up ROBOT`: simulator, servo bridge and more in one process, driven from this terminal."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-bridge", action="store_true", help="simulate only")
     parser.add_argument("--send", action="store_true", help="send to the board at once, without key B")
+    parser.add_argument(
+        "--inverse",
+        action="store_true",
+        help="with inverse control: key I, then the arrow keys move the goal",
+    )
     parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
     parser.epilog = "On a real board nothing moves until key B, or --send. ? in the teleop shows the keys."
@@ -59,7 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
     with only_one(namespace):
-        return run_station(scene, namespace, board, interactive and bool(scene.joints))
+        return run_station(
+            scene, namespace, board, interactive and bool(scene.joints), inverse=arguments.inverse
+        )
 
 
 def _robot_on_mesh(robot: str, level: str | None) -> str:

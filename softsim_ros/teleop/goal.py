@@ -78,5 +78,5 @@ def goal_line(state: TeleopState, now: float) -> str:
 
 def format_point(pose: EffectorPose) -> str:
     """A position as "x 0.0 y -2.0 z 31.5", in mm."""
-    values = (value / MILLIMETRE for value in pose.position)
+    values = (round(value / MILLIMETRE, 1) + 0.0 for value in pose.position)  # + 0.0: no "-0.0"
     return " ".join(f"{axis} {value:.1f}" for axis, value in zip("xyz", values, strict=True))

@@ -146,12 +146,13 @@ def test_the_launch_file_starts_what_is_installed(described: list[Recorded]) -> 
     arguments = {
         entity.positional[0] for entity in described if type(entity).__name__ == "DeclareLaunchArgument"
     }
-    assert arguments == {"robot", "namespace", "port", "source", "autostart", "rviz"}
+    assert arguments == {"robot", "namespace", "port", "source", "autostart", "inverse", "rviz"}
     nodes = [entity.keywords for entity in described if type(entity).__name__ == "Node"]
     started = {(node["package"], node["executable"]) for node in nodes}
     ours = started - {("rviz2", "rviz2")}
     assert ours == {
         ("softsim_ros", "simulator"),
+        ("softsim_ros", "inverse_controller"),
         ("servo_bridge", "servo_bridge"),
         ("servo_bridge", "virtual_board"),
     }
@@ -163,6 +164,7 @@ def test_the_launch_file_starts_what_is_installed(described: list[Recorded]) -> 
 def test_the_launch_file_sets_parameters_that_exist(described: list[Recorded]) -> None:
     sources = {
         "simulator": REPOSITORY / "softsim_ros" / "simulator",
+        "inverse_controller": REPOSITORY / "softsim_ros" / "simulator",  # `robot`, declared for both there
         "servo_bridge": REPOSITORY / "servo_bridge",
         "virtual_board": REPOSITORY / "servo_bridge",
     }

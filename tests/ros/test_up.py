@@ -24,6 +24,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_do
 UP = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod"]
 READY_S = 90.0  # the first start on a machine compiles kernels
 START, MID, HIGH = (93, 93, 93), (119, 119, 119), (134, 134, 134)  # keys A, Q, Z
+GOAL_Z = 27.6  # mm, height of the effector in the start pose
 
 
 @pytest.fixture(autouse=True)
@@ -165,3 +166,39 @@ def test_a_missing_port_says_what_to_do_and_the_simulation_runs(start: Callable[
     up.wait_for("running  bridge unconfigured")
     assert up.end(signal.SIGINT) == 0
     assert "Traceback" not in up.text
+
+
+def test_inverse_control_moves_the_bytes_with_the_goal(tmp_path: Path) -> None:
+    pytest.importorskip("daqp")
+    with (
+        VirtualBoard(link=tmp_path / "board") as board,
+        TerminalSession([*UP, "--inverse", "--board", board.port], size=(120, 30)) as terminal,
+    ):
+        wait_until(lambda: "no-comm" in terminal.screen, lambda: terminal.text)
+        terminal.type(b"a")
+        terminal.wait_for("start pose")
+        terminal.type(b"b")
+        wait_until(lambda: board.servo_bytes == START, lambda: f"{board.servo_bytes} {terminal.screen}")
+        terminal.type(b"i")
+        wait_until(lambda: "inverse control: on" in terminal.screen, lambda: terminal.screen)
+        assert board.servo_bytes == START  # switching on moves nothing
+        for step in range(1, 4):
+            terminal.type(b"+")  # one step of 2 mm each; a held key would be slowed down
+            height = f"z {GOAL_Z + 2.0 * step:.1f}"
+            wait_until(
+                lambda height=height: re.search(rf"effector: .*{height} +off by 0\.[01]\d", terminal.screen),
+                lambda: terminal.screen,
+            )
+        assert board.servo_bytes is not None
+        assert min(board.servo_bytes) > START[0]  # all three arms up
+        terminal.type(b"q")
+        wait_until(lambda: "inverse control drives the joints" in terminal.screen, lambda: terminal.screen)
+        terminal.type(b"r")  # switches it off before the reset
+        wait_until(lambda: "back at the start of the scene" in terminal.screen, lambda: terminal.screen)
+        assert "inverse control: on" not in terminal.screen
+        terminal.type(b"q")
+        wait_until(lambda: board.servo_bytes == MID, lambda: f"{board.servo_bytes} {terminal.screen}")
+        terminal.type(b"x")
+        assert terminal.wait() == 0
+        assert terminal.modes == terminal.modes_before
+        assert "Traceback" not in terminal.text

@@ -3,6 +3,7 @@
     ros2 launch softsim_bringup tripod.launch.py
     ros2 launch softsim_bringup tripod.launch.py port:=/dev/ttyACM0
     ros2 launch softsim_bringup tripod.launch.py rviz:=true
+    ros2 launch softsim_bringup tripod.launch.py inverse:=true
 
 The bridge opens its port and waits; key B of the teleop starts sending. The teleop needs a terminal of its
 own: ros2 run softsim_ros teleop
@@ -56,6 +57,9 @@ def generate_launch_description() -> LaunchDescription:
             default_value="configure",
             description="bridge: none, configure (open the port) or activate (send at once)",
         ),
+        DeclareLaunchArgument(
+            "inverse", default_value="false", description="with inverse control, disabled until key I"
+        ),
         DeclareLaunchArgument("rviz", default_value="false", description="show the robot in RViz"),
     ]
     simulator = Node(
@@ -87,6 +91,14 @@ def generate_launch_description() -> LaunchDescription:
         ],
         output="screen",
     )
+    inverse = Node(
+        package="softsim_ros",
+        executable="inverse_controller",
+        namespace=namespace,
+        parameters=[{"robot": ParameterValue(robot, value_type=str)}],
+        output="screen",
+        condition=IfCondition(LaunchConfiguration("inverse")),
+    )
     rviz = Node(
         package="rviz2",
         executable="rviz2",
@@ -95,4 +107,4 @@ def generate_launch_description() -> LaunchDescription:
         condition=IfCondition(LaunchConfiguration("rviz")),
     )
     hint = LogInfo(msg="drive it from another terminal: ros2 run softsim_ros teleop")
-    return LaunchDescription([*arguments, simulator, virtual_board, bridge, rviz, hint])
+    return LaunchDescription([*arguments, simulator, virtual_board, bridge, inverse, rviz, hint])

@@ -1,0 +1,47 @@
+"""The command topic while inverse control is on: what goes out, and who else writes."""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+from softsim_core.arrays import Array
+
+TOPIC: Final = "position_controller/commands"
+REMEMBERED: Final = 256
+"""Own commands that may still come back, newest last: some seconds of them."""
+
+_NEWEST_ONLY = QoSProfile(depth=1)
+
+
+class CommandsOut:
+    """Publishes commands and listens to those of others.
+
+    Args:
+        node: Owner of the publisher and the subscription.
+        on_foreign: Called in the node's executor for every command that is not one of ours.
+    """
+
+    def __init__(self, node: Node, on_foreign: Callable[[], None]) -> None:
+        self._on_foreign = on_foreign
+        self._own: deque[bytes] = deque(maxlen=REMEMBERED)
+        self._publisher = node.create_publisher(Float64MultiArray, TOPIC, _NEWEST_ONLY)
+        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, _NEWEST_ONLY, raw=True)
+
+    def publish(self, command: Array) -> None:
+        """Send one position a joint, in [rad] or [m], shape (j,)."""
+        data = serialize_message(Float64MultiArray(data=array("d", command)))
+        if not self._own or self._own[-1] != data:
+            self._own.append(data)
+        self._publisher.publish(data)
+
+    def _on_command(self, data: bytes) -> None:
+        if data not in tuple(self._own):
+            self._on_foreign()

@@ -1,0 +1,270 @@
+"""The node `inverse_controller`: goals for the effector in, joint commands out, while it is enabled."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from softsim_core import SceneDescription, load_scene
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError, SceneError, SoftSimError
+from softsim_core.inverse.controller import InverseController
+from softsim_core.mechanics.pose import Pose
+from softsim_ros.inverse.commands_out import CommandsOut
+from softsim_ros.inverse.control_thread import ControlThread
+from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
+from softsim_ros.inverse.health import health
+from softsim_ros.inverse.parameters import checked_feedback, declare_parameters, tuned
+from softsim_ros.inverse.plant import SILENT_AFTER_S
+from softsim_ros.messages import diagnostic_array, pose_stamped
+from softsim_ros.runtime import ClosableNode, run_node
+from softsim_ros.simulator.pacing import RateGate
+from softsim_ros.simulator.parameters import declare_robot
+from softsim_ros.simulator.simulator_node import requested_robot
+
+NODE_NAME = "inverse_controller"
+WARNING_PERIOD_S = 1.0
+"""Warnings about refused goals and foreign commands come at most this often, in [s]."""
+
+MODEL_POSE_PERIOD_S = 0.05
+_NEWEST_ONLY = QoSProfile(depth=1)
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class InverseControl(ClosableNode):
+    """Brings one robot's effector to a goal; in front of the simulator and of the real robot alike.
+
+    Args:
+        robot: Name or path of the robot, or the robot itself; None takes the parameter `robot`.
+        context: rclpy context; None takes the default one.
+        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
+        parameter_overrides: Values at start, over those of the command line.
+
+    Raises:
+        SoftSimError: the robot is not known or has no effector, or a parameter is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+    ) -> None:
+        if robot is None:
+            robot = requested_robot(NODE_NAME, context, parameter_overrides)
+        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        if scene.effector is None or not scene.joints:
+            raise SceneError(
+                f"scene {scene.name} has no {'joints' if scene.effector else 'effector'}: inverse control "
+                "needs both (keys `joints` and `effector` of its file)"
+            )
+        self.scene = scene
+        super().__init__(
+            NODE_NAME,
+            context=context,
+            namespace=scene.name if namespace is None else namespace,
+            parameter_overrides=list(parameter_overrides),
+        )
+        self._control: ControlThread | None = None
+        self._closed = False
+        try:
+            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
+            self._begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self) -> None:
+        start = declare_parameters(self, self.scene)
+        self.scene = scene = start.scene
+        self.get_logger().info(f"building the model of {scene.name}")
+        self._frames = (WORLD, f"{scene.name}_base")  # the base stands in the world's origin
+        self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
+        self._joint_states_at = -np.inf
+        self._foreign_commands = 0
+        self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
+        self._commands = CommandsOut(self, self._on_foreign_command)
+        self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", _NEWEST_ONLY)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._control = ControlThread(
+            InverseController(scene, scene.inverse),
+            scene.joints,
+            scene.dt,
+            self._publish,
+            self._warn,
+            self._ended,
+        )
+        self._control.feedback = start.feedback
+        self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
+        self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
+        self.create_subscription(Float64, "base_shift", self._on_base_shift, _LATCHED)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, _NEWEST_ONLY)
+        self.create_subscription(Imu, "imu", self._on_imu, _NEWEST_ONLY)
+        self.create_subscription(PoseStamped, "effector_goal", self._on_goal, _NEWEST_ONLY)
+        self.create_service(SetBool, "~/enable", self._on_enable)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._control.start()
+        self.get_logger().info(f"ready to control {scene.name}; call ~/enable")
+
+    def close(self) -> None:
+        """End control, then destroy the node; a second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._control is not None:
+            self._control.close()
+        self.destroy_node()
+
+    @property
+    def control(self) -> ControlThread:
+        """The thread that owns the controller."""
+        assert self._control is not None
+        return self._control
+
+    # --- the robot ------------------------------------------------------------------------------------
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self._joint_states_at = time.monotonic()
+        self._measure(message)
+
+    def _on_applied(self, message: JointState) -> None:
+        if time.monotonic() - self._joint_states_at > SILENT_AFTER_S:  # nobody measures: a bare robot
+            self._measure(message)
+
+    def _measure(self, message: JointState) -> None:
+        names = tuple(message.name)
+        if names != self._joint_order[0]:
+            self._joint_order = (names, self._order_of(names))
+        order = self._joint_order[1]
+        if order is not None and len(message.position) == len(names):
+            positions = np.array([message.position[index] for index in order])
+            self.control.plant = self.control.plant.with_joints(positions, time.monotonic())
+
+    def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
+        missing = [joint for joint in self.scene.joint_names if joint not in names]
+        if missing:
+            self._warn(
+                f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
+            )
+            return None
+        return [names.index(joint) for joint in self.scene.joint_names]
+
+    def _on_base_shift(self, message: Float64) -> None:
+        if np.isfinite(message.data):
+            self.control.plant = self.control.plant.with_base_shift(message.data)
+
+    def _on_effector(self, message: PoseStamped) -> None:
+        try:
+            pose = checked_pose(message, self._frames, "effector_pose")
+        except CommandError as error:
+            self._warn(str(error))
+        else:
+            self.control.plant = self.control.plant.with_effector(pose, time.monotonic())
+
+    def _on_imu(self, message: Imu) -> None:
+        try:
+            turn = unit_quaternion(message.orientation, "imu")
+        except CommandError as error:
+            self._warn(str(error))
+        else:
+            self.control.plant = self.control.plant.with_imu(turn, time.monotonic())
+
+    # --- goals and commands ---------------------------------------------------------------------------
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        try:
+            self.control.set_goal(checked_pose(message, self._frames, "goal"))
+        except CommandError as error:
+            self._warn(str(error))
+
+    def _publish(self, command: Array, model: Pose) -> None:
+        """Send a command and now and then the model's pose; called from the control thread."""
+        try:
+            self._commands.publish(command)
+            if self._model_gate.passes(time.monotonic()):
+                stamp = self.get_clock().now().to_msg()
+                self._model_pose.publish(pose_stamped(stamp, WORLD, model.position, model.quaternion_xyzw))
+        except Exception:
+            if self.context.ok():
+                raise
+            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+
+    def _on_foreign_command(self) -> None:
+        if self.control.status.mode != "off":
+            self._foreign_commands += 1
+            self._warn(
+                "somebody else writes position_controller/commands while inverse control is on: one writer "
+                "at a time; stop it, or disable inverse control"
+            )
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        try:
+            if request.data:
+                self.control.enable(float(self.get_parameter("base_shift").value))
+                response.message = "on: the effector stays where it is until a goal comes"
+            else:
+                self.control.disable()
+                response.message = "off: the command topic is free"
+            response.success = True
+        except SoftSimError as error:
+            response.success, response.message = False, str(error)
+        self._report()
+        return response
+
+    # --- parameters, words ----------------------------------------------------------------------------
+
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Apply new values, whose types and ranges rclpy has checked."""
+        try:
+            feedbacks = [checked_feedback(each.value) for each in parameters if each.name == "feedback"]
+            settings = tuned(self.control.settings, parameters)
+            if settings != self.control.settings:
+                self.control.tune(settings)
+            self.control.feedback = feedbacks[-1] if feedbacks else self.control.feedback
+        except SoftSimError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _warn(self, sentence: str) -> None:
+        if self.context.ok():
+            self.get_logger().warning(sentence, throttle_duration_sec=WARNING_PERIOD_S)
+
+    def _ended(self, sentence: str) -> None:
+        if self.context.ok():
+            self.get_logger().error(sentence)
+
+    def _report(self) -> None:
+        control = self.control
+        level, sentence, values = health(
+            control.status, control.is_alive, control.feedback, self._foreign_commands
+        )
+        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.scene.name, level, sentence, values))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the inverse controller as a process; returns the exit code."""
+    return run_node(InverseControl, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
