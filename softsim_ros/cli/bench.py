@@ -45,6 +45,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-process", action="store_true", help="leave out memory and publishing of the simulator process"
     )
+    parser.add_argument(
+        "--bridge",
+        action="store_true",
+        help="measure only the servo bridge on a virtual board: topic to last byte, send period",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="how long --bridge measures each way (20)"
+    )
     parser.add_argument("--check", action="store_true", help="exit with 1 when a target is missed")
 
 
@@ -53,6 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     alone = limit_threads(os.environ)
     if arguments.rounds is not None and arguments.rounds < 1:
         return _refuse("--rounds must be at least 1")
+    if arguments.bridge:
+        return _bridge(arguments)
     from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
@@ -160,6 +170,27 @@ def _process(records: list[Record]) -> int:
         if (record.scene, record.mesh, record.path) == ("tripod", "mid", "numba"):
             record.extras.update(extras)
     return missed
+
+
+def _bridge(arguments: argparse.Namespace) -> int:
+    """Measure the servo bridge and print it; 1 where a target is missed and `--check` asks."""
+    if not arguments.seconds >= 1.0:
+        return _refuse("--seconds must be at least 1")
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        _say(
+            f"softsim bench: --bridge needs ROS 2, which is not installed here ({error}); see softsim doctor"
+        )
+        return 1
+    from softsim_ros.benchmark.bridge import measure_bridge
+
+    print("\n".join(describe_machine()))
+    _say(f"running the bridge twice for {arguments.seconds:g} s ...")
+    figures = measure_bridge(seconds=arguments.seconds)
+    for each in figures:
+        print("\n".join(each.lines()))
+    return 1 if arguments.check and any(each.late for each in figures) else 0
 
 
 def _say(sentence: str) -> None:

@@ -1,0 +1,296 @@
+"""Latency from topic to wire and regularity of the servo bridge, seen from the far end of its line.
+
+A virtual board listens, so that every packet has the time at which its last byte came out of the line: a
+bound from above of when it was written. Commands come at random times and go to and fro across the edge of
+one degree byte, so that each of them changes the very next packet that knows of it.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from servo_bridge.codec import angle_to_byte, byte_to_angle
+from servo_bridge.virtual_board import ReceivedPacket, VirtualBoard
+from softsim_core import load_scene
+from softsim_core.arrays import Array
+from softsim_core.errors import SoftSimError
+from softsim_core.scene.description import SceneDescription, ServoCalibration
+
+LATENCY_LIMIT_MS = 25.0
+"""Largest 99th percentile from topic to last byte at 50 Hz, in [ms]: one period and what transport takes."""
+
+SECONDS = 20.0
+PAUSE_S = (0.02, 0.05)
+"""Shortest and longest time between two commands in [s]; a servo's turn comes with every third."""
+
+EDGE_BYTE = 130
+BELOW_RAD, ABOVE_RAD = 1e-3, 1e-6
+START_DEADLINE_S = 180.0  # kernels may have to be compiled
+END_DEADLINE_S = 20.0
+NAMESPACE = "latency_check"
+SEED = 1
+
+
+class BridgeBenchmarkError(SoftSimError, RuntimeError):
+    """A process of the measurement did not start or ended early; the text holds what it said last."""
+
+
+@dataclass(frozen=True)
+class BridgeFigures:
+    """What the far end of the line saw.
+
+    Attributes:
+        what: Which processes ran, for people.
+        latency_ms: Topic to last byte of each command, in [ms], shape (k,).
+        missed: Commands that no packet followed.
+        periods_ms: Times between packets in [ms], shape (packets - 1,).
+        period_ms: The period asked for, in [ms].
+    """
+
+    what: str
+    latency_ms: Array
+    missed: int
+    periods_ms: Array
+    period_ms: float
+
+    @property
+    def late(self) -> bool:
+        """Whether the 99th percentile lies above `LATENCY_LIMIT_MS`, or commands got lost."""
+        return self.missed > 0 or float(np.percentile(self.latency_ms, 99)) > LATENCY_LIMIT_MS
+
+    def lines(self) -> list[str]:
+        """The figures as text."""
+        p50, p99, longest = np.percentile(self.latency_ms, (50, 99, 100))
+        off = np.abs(self.periods_ms - self.period_ms)
+        off50, off99, off100 = np.percentile(off, (50, 99, 100))
+        return [
+            self.what,
+            f"  topic to last byte  p50 {p50:.1f}  p99 {p99:.1f}  max {longest:.1f} ms"
+            f"  ({len(self.latency_ms)} commands, {self.missed} missed;"
+            f" target p99 <= {LATENCY_LIMIT_MS:.0f} ms: {'MISSED' if self.late else 'ok'})",
+            f"  send period         {self.periods_ms.mean():.3f} ms, off by  p50 {off50:.2f}  p99 {off99:.2f}"
+            f"  max {off100:.2f} ms  ({len(self.periods_ms) + 1} packets)",
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A servo's angle went to the other side of a byte's edge, at `time_s` of `time.monotonic`."""
+
+    time_s: float
+    servo: int
+    servo_byte: int
+
+
+def measure_bridge(robot: str = "tripod", seconds: float = SECONDS) -> list[BridgeFigures]:
+    """Measure the bridge as a process with the simulator beside it, then inside `softsim up`.
+
+    The first takes `position_controller/commands` (from publication to last byte), the second mirrors
+    `joint_states` (from their arrival at a subscriber to last byte).
+
+    Raises:
+        BridgeBenchmarkError: a process did not run.
+        SceneError: the robot has no board.
+    """
+    scene = load_scene(robot)
+    return [
+        _measure(scene, seconds, "commands", "bridge beside the simulator, each a process, source commands"),
+        _measure(scene, seconds, "joint_states", "softsim up: one process, source joint_states"),
+    ]
+
+
+def latencies(crossings: Sequence[Crossing], packets: Sequence[ReceivedPacket]) -> tuple[Array, int]:
+    """Times in [ms] from each crossing to the first later packet with its byte, and how many have none.
+
+    A crossing has none when the servo's next one came first.
+    """
+    found, missed = [], 0
+    times = np.array([packet.time_s for packet in packets])
+    for index, crossing in enumerate(crossings):
+        following = (each.time_s for each in crossings[index + 1 :] if each.servo == crossing.servo)
+        end = next(following, np.inf)
+        first = int(np.searchsorted(times, crossing.time_s))
+        for packet in packets[first:]:
+            if packet.time_s >= end:
+                missed += 1
+                break
+            if packet.servo_bytes[crossing.servo] == crossing.servo_byte:
+                found.append(packet.time_s - crossing.time_s)
+                break
+    return np.array(found) * 1e3, missed
+
+
+def _measure(scene: SceneDescription, seconds: float, source: str, what: str) -> BridgeFigures:
+    domain = 60 + os.getpid() % 40  # apart from a robot that may run; ports of domains up to 101 are free
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert scene.board is not None
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        VirtualBoard(len(scene.board.servos), link=Path(folder) / "board") as board,
+        tempfile.TemporaryFile("w+") as log,
+    ):
+        environment["XDG_RUNTIME_DIR"] = folder
+        commands = _programs(scene.name, board.port, source)
+        with _running(commands, environment, log) as children, _Probe(scene, domain) as probe:
+            _wait(lambda: board.accepted > 0 and probe.connected, children, log)
+            crossings = probe.command_for(seconds, source)
+            packets = board.packets
+    if len(crossings) < 3 or len(packets) < 3:
+        raise BridgeBenchmarkError(f"{what}: {len(crossings)} commands and {len(packets)} packets came")
+    during = [packet for packet in packets if packet.time_s >= crossings[0].time_s]
+    found, missed = latencies(crossings, during)
+    periods = np.diff([packet.time_s for packet in during]) * 1e3
+    return BridgeFigures(what, found, missed, periods, 1e3 / scene.board.rate)
+
+
+def _programs(robot: str, port: str, source: str) -> list[list[str]]:
+    """Command lines of the processes to measure."""
+    if source == "joint_states":
+        words = ["softsim_ros.cli", "up", robot, "--headless", "--send", "--board", port]
+        return [[*words, "--namespace", NAMESPACE]]
+    ros = ["--ros-args", "-r", f"__ns:=/{NAMESPACE}", "-p", f"robot:={robot}"]
+    bridge = [f"port:={port}", f"source:={source}", "open_wait_s:=0.0", "autostart:=activate"]
+    return [
+        ["softsim_ros.simulator.simulator_node", *ros],
+        ["servo_bridge.bridge_node", *ros, *(word for setting in bridge for word in ("-p", setting))],
+    ]
+
+
+@contextmanager
+def _running(
+    commands: Sequence[Sequence[str]], environment: dict[str, str], log: IO[str]
+) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run modules as processes of their own session; Ctrl-C, then kill, at the end."""
+    children = [
+        subprocess.Popen(
+            [sys.executable, "-m", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env=environment,
+            start_new_session=True,
+        )
+        for words in commands
+    ]
+    try:
+        yield children
+    finally:
+        for child in children:
+            child.send_signal(signal.SIGINT)
+        for child in children:
+            try:
+                child.wait(END_DEADLINE_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+
+
+def _wait(ready: Any, children: Sequence[subprocess.Popen[bytes]], log: IO[str]) -> None:
+    """Wait until everything runs.
+
+    Raises:
+        BridgeBenchmarkError: a process ended, or the deadline passed.
+    """
+    deadline, nap = time.monotonic() + START_DEADLINE_S, threading.Event()
+    while not ready():
+        if time.monotonic() > deadline or any(child.poll() is not None for child in children):
+            log.seek(0)
+            raise BridgeBenchmarkError(f"the bridge did not start sending: {log.read().strip()[-400:]}")
+        nap.wait(0.05)
+
+
+class _Probe:
+    """Publishes commands across a byte's edge and notes when they were published, or mirrored."""
+
+    def __init__(self, scene: SceneDescription, domain: int) -> None:
+        assert scene.board is not None
+        self._servos = scene.board.servos
+        self._order = [scene.joint_names.index(servo.joint) for servo in self._servos]
+        self._values = [joint.limits.clamp(-1.0) for joint in scene.joints]
+        self._domain = domain
+        self._mirrored: list[Crossing] = []
+        self._sides: list[int | None] = [None] * len(self._servos)
+        for servo, index in zip(self._servos, self._order, strict=True):
+            self._values[index] = _side(servo, above=True)
+
+    def __enter__(self) -> _Probe:
+        from rclpy.context import Context
+        from rclpy.node import Node
+        from rclpy.qos import QoSProfile
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64MultiArray
+
+        from softsim_ros.runtime import SpinThread
+
+        self._context = Context()
+        self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)
+        self._node = Node("probe", context=self._context, namespace=NAMESPACE)
+        self._message = Float64MultiArray
+        self._publisher = self._node.create_publisher(
+            Float64MultiArray, "position_controller/commands", QoSProfile(depth=1)
+        )
+        self._node.create_subscription(JointState, "joint_states", self._on_joint_states, 10)
+        self._spinner = SpinThread([self._node], self._context)
+        self._spinner.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._spinner.close()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    @property
+    def connected(self) -> bool:
+        """Whether commands have a listener and joint states come."""
+        return self._publisher.get_subscription_count() > 0 and self._sides[0] is not None
+
+    def command_for(self, seconds: float, source: str) -> list[Crossing]:
+        """Command for a time; the crossings of the source, without those of the way to the first pose."""
+        randomness, nap = random.Random(SEED), threading.Event()
+        settled = time.monotonic() + 2.0
+        while time.monotonic() < settled:
+            self._publish()
+            nap.wait(0.05)
+        self._mirrored.clear()
+        published, above, end, turn = [], [True] * len(self._servos), time.monotonic() + seconds, 0
+        while time.monotonic() < end:
+            above[turn] = not above[turn]
+            servo, index = self._servos[turn], self._order[turn]
+            self._values[index] = _side(servo, above=above[turn])
+            published.append(Crossing(time.monotonic(), turn, angle_to_byte(self._values[index], servo)))
+            self._publish()
+            turn = (turn + 1) % len(self._servos)
+            nap.wait(randomness.uniform(*PAUSE_S))
+        nap.wait(0.2)  # what is on its way
+        return published if source == "commands" else list(self._mirrored)
+
+    def _publish(self) -> None:
+        self._publisher.publish(self._message(data=self._values))
+
+    def _on_joint_states(self, message: Any) -> None:
+        now, positions = time.monotonic(), dict(zip(message.name, message.position, strict=True))
+        for index, servo in enumerate(self._servos):
+            side = angle_to_byte(positions[servo.joint], servo)
+            if side != self._sides[index]:
+                self._sides[index] = side
+                self._mirrored.append(Crossing(now, index, side))
+
+
+def _side(servo: ServoCalibration, *, above: bool) -> float:
+    """Angle in [rad] just on one side of the edge between two servo bytes."""
+    edge = byte_to_angle(EDGE_BYTE, servo)
+    return edge + (servo.sign * ABOVE_RAD if above else -servo.sign * BELOW_RAD)
