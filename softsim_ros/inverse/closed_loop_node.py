@@ -26,16 +26,18 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
 from softsim_core.inverse.paths import MAZE_LIFT_M
-from softsim_core.inverse.tilts import tilt_rotation
-from softsim_core.mechanics.pose import quaternion_of
+from softsim_core.inverse.tilts import tilt_rotation, tilts_of
+from softsim_core.mechanics.pose import quaternion_of, rotation_of
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.robot import WORLD, check_frame, effector_rest, robot_parameter
+from softsim_ros.inverse.goals import WORLD, checked_pose
+from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
 from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
 from softsim_ros.messages import diagnostic_array, pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
 from softsim_ros.simulator.parameters import declare_robot
+from softsim_ros.simulator.simulator_node import requested_robot
 
 NODE_NAME: Final = "closed_loop"
 MEASURES: Final = ("imu", "effector_pose")
@@ -69,7 +71,7 @@ class ClosedLoop(ClosableNode):
         parameter_overrides: Sequence[Parameter] = (),
     ) -> None:
         if robot is None:
-            robot = robot_parameter(NODE_NAME, context, parameter_overrides)
+            robot = requested_robot(NODE_NAME, context, parameter_overrides)
         scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
         super().__init__(
             NODE_NAME,
@@ -166,17 +168,13 @@ class ClosedLoop(ClosableNode):
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
 
     def _on_reference(self, message: PoseStamped) -> None:
-        place = message.pose.position
-        position = np.array([place.x, place.y, place.z])
         try:
-            check_frame("reference", message.header.frame_id, self.robot)
-            if not np.isfinite(position).all():
-                raise CommandError(f"reference refused: position {position.tolist()} is not finite")
-            tilts = pose_tilts(message.pose.orientation)
+            pose = checked_pose(message, world_frames(self.robot), "reference")
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
-        self._position, self._turn = position, tilts.turn
+        tilts = tilts_of(rotation_of(pose.quaternion_xyzw))
+        self._position, self._turn = pose.position, tilts.turn
         self._loop.reference = np.array([tilts.x, tilts.y])
 
     def _on_imu(self, message: Imu) -> None:

@@ -26,13 +26,15 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_ros.inverse import answers
+from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.path_messages import effector_path
 from softsim_ros.inverse.path_player import PathPlayer
-from softsim_ros.inverse.robot import WORLD, effector_rest, robot_parameter
+from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import diagnostic_array, diagnostic_values, pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
 from softsim_ros.simulator.parameters import declare_robot
+from softsim_ros.simulator.simulator_node import requested_robot
 from softsim_ros.teleop.services import AsyncService
 
 NODE_NAME: Final = "path_follower"
@@ -68,7 +70,7 @@ class PathFollower(ClosableNode):
         parameter_overrides: Sequence[Parameter] = (),
     ) -> None:
         if robot is None:
-            robot = robot_parameter(NODE_NAME, context, parameter_overrides)
+            robot = requested_robot(NODE_NAME, context, parameter_overrides)
         scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
         super().__init__(
             NODE_NAME,
@@ -93,9 +95,8 @@ class PathFollower(ClosableNode):
         self._inverse_is_on = False
         self._inverse_was_on = False
         self._problem = ""
-        self._start_by: float | None = (
-            None  # an automatic start is due as soon as it can be, at the latest then
-        )
+        # An automatic start is due as soon as the others are found, at the latest at this time.
+        self._start_by: float | None = None
         simulated = bool(self.get_parameter("use_sim_time").value)
         self._path_clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._ticked_at = self._now()
@@ -155,15 +156,26 @@ class PathFollower(ClosableNode):
         Raises:
             SoftSimError: disabled, no path, or a wrong one.
         """
+        self._check_enabled()
+        self._path()
+        if not self._can_start() and self._start_by is None:
+            self._start_by = time.monotonic() + DISCOVERY_S
+            return f"the path starts as soon as {self._inverse.name} is found"
+        return self._play()
+
+    def _play(self) -> str:
         self._start_by = None
-        if not self._enabled:
-            raise CommandError(f"the path follower is off; call {NODE_NAME}/enable with true first")
+        self._check_enabled()
         path = self._path()
         self._player.start(path)
         self._problem, self._inverse_was_on = "", self._inverse_is_on
         self._ticked_at = self._now()
         self._switch_inverse_on()
         return f"path started: {path.duration:g} s"
+
+    def _check_enabled(self) -> None:
+        if not self._enabled:
+            raise CommandError(f"the path follower is off; call {NODE_NAME}/enable with true first")
 
     def pause(self, paused: bool) -> str:
         """Stay where the path is, or go on; returns a sentence.
@@ -180,6 +192,7 @@ class PathFollower(ClosableNode):
         self._enabled = enabled
         if enabled:
             return "ready"
+        self._start_by = None
         self._player.stop()
         return "off: no goals are given"
 
@@ -248,12 +261,12 @@ class PathFollower(ClosableNode):
     def _can_start(self) -> bool:
         """Whether those a start depends on have been found."""
         needs_place = self.get_parameter("start_from").value == "measured" and self._measured is None
-        needs_inverse = bool(self.get_parameter("enable_inverse").value) and not self._inverse.is_there
-        return not needs_place and not needs_inverse
+        switches = bool(self.get_parameter("enable_inverse").value) and not self._inverse_is_on
+        return not needs_place and (self._inverse.is_there or not switches)
 
     def _attempt_start(self) -> None:
         try:
-            self.get_logger().info(self.start())
+            self.get_logger().info(self._play())
         except SoftSimError as error:
             self._warn(str(error))
 

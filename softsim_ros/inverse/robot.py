@@ -1,36 +1,13 @@
-"""What nodes that give goals need to know of a robot: its name, where its effector rests, its frames."""
+"""What nodes that give goals need to know of a robot: where its effector rests, its frames."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from softsim_core import SceneDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, listing
-from softsim_ros.simulator.parameters import declare_robot
-
-WORLD = "world"
-
-
-def robot_parameter(name: str, context: Context | None, overrides: Sequence[Parameter]) -> str:
-    """The parameter `robot` of the command line, needed before the node `name`: it names the namespace."""
-    node = Node(
-        name,
-        context=context,
-        parameter_overrides=list(overrides),
-        start_parameter_services=False,
-        enable_rosout=False,
-        enable_logger_service=False,
-    )
-    try:
-        return declare_robot(node)
-    finally:
-        node.destroy_node()
+from softsim_ros.inverse.goals import WORLD
 
 
 def effector_rest(scene: SceneDescription) -> Array:
@@ -45,14 +22,17 @@ def effector_rest(scene: SceneDescription) -> Array:
     raise SceneError(f"{scene.name} has no effector: add `effector: NAME` of a free attachment to its file")
 
 
+def world_frames(robot: str) -> tuple[str, str]:
+    """Frames a goal may be in: the world, and the robot's base, which stands in the world's origin."""
+    return (WORLD, f"{robot}_base")
+
+
 def check_frame(what: str, frame: str, robot: str) -> None:
-    """Refuse a message in a frame that is neither the world nor the robot's base, which coincide.
+    """Refuse a message in a frame that is not one of `world_frames`.
 
     Raises:
         CommandError: names what is allowed.
     """
-    allowed = (WORLD, f"{robot}_base")
+    allowed = world_frames(robot)
     if frame not in allowed:
-        raise CommandError(
-            f"{what} refused: unknown frame_id {frame!r}; allowed: {listing(allowed)}; nothing was changed"
-        )
+        raise CommandError(f"{what} refused: unknown frame_id {frame!r}; allowed: {listing(allowed)}")

@@ -1,0 +1,129 @@
+"""A maze plan and the closed loop on a simulated Tripod under inverse control, each node a process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("daqp")
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+from geometry_msgs.msg import PoseStamped, Vector3Stamped  # noqa: E402
+from sensor_msgs.msg import Imu, JointState  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from softsim_core.inverse.closed_loop import TiltController, read_closed_loop_log  # noqa: E402
+from softsim_core.inverse.tilts import tilts_of  # noqa: E402
+from softsim_core.mechanics.pose import rotation_of  # noqa: E402
+
+PAIRS = [[-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3], [0.2, 0.1]]
+
+
+class Plate:
+    """The Tripod's effector, seen through its topics."""
+
+    def __init__(self, tripod: Any, spin_until: Callable[..., bool]) -> None:
+        self.client, self.spin_until = tripod.client, spin_until
+        self.poses: list[PoseStamped] = self.client.collect(PoseStamped, "effector_pose", 1)
+        self.states: list[JointState] = self.client.collect(JointState, "joint_states", 1)
+        self.tripod = tripod
+
+    @property
+    def tilts(self) -> np.ndarray:
+        return tilts_in(self.poses[-1])
+
+    def start_pose(self) -> None:
+        assert self.tripod.trigger("start")[0]
+        assert self.spin_until(lambda: self.states and self.states[-1].position[0] < -1.49)
+        assert self.spin_until(lambda: self.poses and np.abs(self.states[-1].velocity).max() < 1e-6)
+
+    def switch(self, service: str, on: bool) -> tuple[bool, str]:
+        answer = self.client.call(SetBool, service, SetBool.Request(data=on))
+        return answer.success, answer.message
+
+
+def tilts_in(message: PoseStamped) -> np.ndarray:
+    turn = message.pose.orientation
+    return np.array(tilts_of(rotation_of(np.array([turn.x, turn.y, turn.z, turn.w])))[:2])
+
+
+@pytest.fixture(scope="module")
+def controller(start_process: Callable[..., Any], running_tripod: Any) -> Any:
+    process = start_process("softsim_ros.inverse.inverse_node", "--ros-args", "-p", "task:=height_tilt")
+    assert process.says("ready to control", 60.0), process.output
+    return process
+
+
+@pytest.fixture
+def plate(controller: Any, tripod: Any, spin_until: Callable[..., bool]) -> Iterator[Plate]:
+    each = Plate(tripod, spin_until)
+    each.start_pose()
+    yield each
+    assert each.switch("inverse_controller/enable", False)[0]
+
+
+def test_the_plate_follows_a_maze_plan(
+    plate: Plate, start_process: Callable[..., Any], tmp_path: Path
+) -> None:
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps({"anglePlanningTable": PAIRS}))
+    follower = start_process("softsim_ros.inverse.path_follower_node", "--ros-args", "-p", f"file:={file}")
+    assert follower.says("call path_follower/start"), follower.output
+    progress = plate.client.collect(Float64, "path_follower/progress")
+    goals = plate.client.collect(PoseStamped, "effector_goal")
+    seen: list[np.ndarray] = []
+
+    def look() -> bool:
+        if goals:
+            seen.append(plate.tilts - tilts_in(goals[-1]))
+        return bool(progress) and progress[-1].data == 100.0
+
+    assert plate.client.call(Trigger, "path_follower/start").success
+    assert plate.spin_until(look), follower.output
+    assert np.abs(seen).max() < 0.15  # on the way, from a start 20 mm below
+    assert plate.spin_until(lambda: np.abs(plate.tilts - [0.1, 0.2]).max() < 2e-3), plate.tilts
+    assert plate.spin_until(lambda: abs(plate.poses[-1].pose.position.z - 0.05) < 2e-4)
+    assert follower.end() == 0
+
+
+@pytest.mark.parametrize("measure", ["effector_pose", "imu"])
+def test_the_loop_closes_on_the_robot(
+    plate: Plate, start_process: Callable[..., Any], tmp_path: Path, measure: str
+) -> None:
+    if measure == "imu":  # a sensor on the plate
+        publisher = plate.client.node.create_publisher(Imu, "imu", 1)
+        plate.client.node.create_subscription(
+            PoseStamped,
+            "effector_pose",
+            lambda message: publisher.publish(
+                Imu(header=message.header, orientation=message.pose.orientation)
+            ),
+            1,
+        )
+    file = tmp_path / "log.csv"
+    loop = start_process(
+        "softsim_ros.inverse.closed_loop_node",
+        *("--ros-args", "-p", f"measure:={measure}", "-p", f"log_file:={file}"),
+    )
+    assert loop.says(f"measures tilts on {measure}"), loop.output
+    assert plate.switch("inverse_controller/enable", True)[0]
+    assert plate.switch("closed_loop/enable", True)[0]
+    reference = Vector3Stamped()
+    reference.header.frame_id = "world"
+    reference.vector.x, reference.vector.y = 0.15, -0.1
+    plate.client.publish("tilt_reference", reference)
+    assert plate.spin_until(lambda: np.abs(plate.tilts - [0.15, -0.1]).max() < 2e-3), plate.tilts
+    assert plate.switch("closed_loop/enable", False)[0]
+    assert loop.end() == 0
+    record = read_closed_loop_log(file)
+    assert len(record.time) > 50
+    rows = zip(record.reference, record.measure, record.elapsed, strict=True)
+    controller = TiltController()
+    assert np.array_equal([controller.update(*row) for row in rows], record.command)
