@@ -167,11 +167,23 @@ class PathFollower(ClosableNode):
         self._start_by = None
         self._check_enabled()
         path = self._path()
-        self._player.start(path)
         self._problem, self._inverse_was_on = "", self._inverse_is_on
-        self._ticked_at = self._now()
-        self._switch_inverse_on()
+        if not self.get_parameter("enable_inverse").value or self._inverse_is_on:
+            self._begin_path(path)
+        elif not self._inverse.is_there:
+            self._begin_path(path)
+            self._warn(f"nobody serves {self._inverse.name}: the goals are given all the same")
+        elif not self._inverse.is_busy:
+            self._inverse.call(
+                SetBool.Request(data=True),
+                time.monotonic(),
+                lambda response: self._on_inverse_answer(response, path),
+            )
         return f"path started: {path.duration:g} s"
+
+    def _begin_path(self, path: EffectorPath) -> None:
+        self._player.start(path)
+        self._ticked_at = self._now()
 
     def _check_enabled(self) -> None:
         if not self._enabled:
@@ -210,19 +222,12 @@ class PathFollower(ClosableNode):
             start = self._measured
         return read_path(self._file, start)
 
-    def _switch_inverse_on(self) -> None:
-        if not self.get_parameter("enable_inverse").value or self._inverse_is_on or self._inverse.is_busy:
-            return
-        if not self._inverse.is_there:
-            self._warn(f"nobody serves {self._inverse.name}: the goals are given all the same")
-            return
-        self._inverse.call(SetBool.Request(data=True), time.monotonic(), self._on_inverse_answer)
-
-    def _on_inverse_answer(self, response: SetBool.Response | None) -> None:
-        if response is None or not response.success:
+    def _on_inverse_answer(self, response: SetBool.Response | None, path: EffectorPath) -> None:
+        if response is not None and response.success and self._enabled:
+            self._begin_path(path)
+        elif self._enabled:
             reason = "no answer" if response is None else response.message
-            self._player.stop()
-            self._warn(f"stopped: the inverse controller cannot be switched on: {reason}")
+            self._warn(f"not started: the inverse controller cannot be switched on: {reason}")
 
     # --- messages -------------------------------------------------------------------------------------
 

@@ -129,12 +129,14 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
         bench = start_follower(loop=True)
         assert spin_until(lambda: bench.follower._inverse.is_there)
         assert bench.start()[0]
-        assert spin_until(lambda: bench.follower._player.state == "idle")
+        assert spin_until(lambda: bench.follower._problem)
+        assert bench.follower._player.state == "idle"
         assert bench.follower._problem == (
-            "stopped: the inverse controller cannot be switched on: the joints were not heard of yet"
+            "not started: the inverse controller cannot be switched on: the joints were not heard of yet"
         )
         assert bench.start()[0]
         assert spin_until(lambda: len(calls) == 2)
+        assert spin_until(lambda: bench.follower._player.state == "running")
         report(client, "following")
         assert spin_until(lambda: bench.follower._inverse_is_on)
         assert bench.follower._player.state == "running"
