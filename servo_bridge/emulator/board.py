@@ -1,0 +1,162 @@
+"""The servo board with its real firmware in an emulated processor, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from servo_bridge.emulator.intel_hex import read_image
+from servo_bridge.emulator.pulses import Pulse, PulseLog
+from servo_bridge.emulator.simavr import EXTERNAL, FREQUENCY, POWER_ON, Processor
+
+FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"
+"""The firmware of this package."""
+
+FRAME_S = 0.020
+"""Period of the servo pulses in [s]."""
+
+
+class EmulatedBoard:
+    """A servo board in lock-step: time passes only in `run` and is the same in every run.
+
+    Args:
+        hex_path: Firmware; None for this package's own.
+        bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
+        log_length: Pulses kept in `pulses`; older ones are forgotten.
+
+    Raises:
+        EmulatorMissingError: libsimavr is not installed.
+        EmulatorError: an image cannot be read or does not fit.
+    """
+
+    def __init__(
+        self,
+        hex_path: Path | str | None = None,
+        bootloader: Path | str | None = None,
+        log_length: int = 1_000_000,
+    ) -> None:
+        image = [read_image(FIRMWARE if hex_path is None else hex_path)]
+        start = 0
+        if bootloader is not None:
+            loader = read_image(bootloader)
+            image.append(loader)
+            start = loader[0]
+        self._log = PulseLog(log_length)
+        self._sent = bytearray()
+        self._processor = Processor(
+            image, start, self._log.edge, self._sent.append, lambda: self._log.reset(self._processor.cycle)
+        )
+
+    @property
+    def time_s(self) -> float:
+        """Virtual time since the first power-on, in [s]."""
+        return self._processor.cycle / FREQUENCY
+
+    @property
+    def processor(self) -> Processor:
+        """The emulated processor, for tests that look deeper."""
+        return self._processor
+
+    @property
+    def pulses(self) -> list[Pulse]:
+        """Whole pulses on the three pins, oldest first."""
+        return list(self._log.pulses)
+
+    @property
+    def cut_pulses(self) -> list[Pulse]:
+        """Pulses that a reset cut short."""
+        return list(self._log.cut)
+
+    @property
+    def transmitted(self) -> bytes:
+        """What the firmware sent since the start or the last `take_transmitted`."""
+        return bytes(self._sent)
+
+    @property
+    def resets(self) -> int:
+        """Resets so far: the power-on, external ones, the watchdog's."""
+        return self._processor.resets
+
+    @property
+    def pending(self) -> int:
+        """Bytes still on the line to the board."""
+        return self._processor.waiting
+
+    def take_transmitted(self) -> bytes:
+        """What the firmware sent, forgotten here."""
+        sent = bytes(self._sent)
+        self._sent.clear()
+        return sent
+
+    def clear(self) -> None:
+        """Forget the pulses and the sent bytes so far; the board runs on."""
+        self._log.clear()
+        self._sent.clear()
+
+    def feed(self, data: bytes) -> None:
+        """Put bytes on the line; as time passes they arrive one after the other at 115200 baud."""
+        self._processor.feed(data)
+
+    def run(self, seconds: float) -> None:
+        """Let `seconds` of virtual time pass."""
+        self._processor.run_to(self._processor.cycle + round(seconds * FREQUENCY))
+
+    def run_until(self, predicate: Callable[[EmulatedBoard], bool], limit_s: float = 10.0) -> bool:
+        """Let time pass, a quarter frame at a time, until `predicate(board)` holds.
+
+        Returns:
+            False when `limit_s` seconds of virtual time passed first.
+        """
+        end = self.time_s + limit_s
+        while not predicate(self):
+            if self.time_s >= end:
+                return False
+            self.run(FRAME_S / 4.0)
+        return True
+
+    def widths_us(self) -> tuple[float, ...] | None:
+        """Widths of the newest pulses on pins 9, 10, 11 in [us]; None while there are no pulses."""
+        newest = self._log.last(self._processor.cycle)
+        return None if newest is None else tuple(pulse.width_us for pulse in newest)
+
+    def settle(self, limit_s: float = 10.0) -> tuple[float, ...] | None:
+        """Let time pass until the line is empty and the widths stay the same for three frames (or `limit_s`).
+
+        Returns:
+            The widths in [us], or None where there are no pulses.
+        """
+        self.run_until(lambda board: not board.pending, limit_s)
+        end = self.time_s + limit_s
+        before, same = self.widths_us(), 0
+        while same < 3 and self.time_s < end:
+            self.run(FRAME_S)
+            now = self.widths_us()
+            steady = (now is None) == (before is None) and all(
+                abs(a - b) < 2.0 for a, b in zip(now or (), before or (), strict=True)
+            )
+            before, same = now, same + 1 if steady else 0
+        return before
+
+    def reset(self) -> None:
+        """Press the reset button (what opening the port does on a real board)."""
+        self._log.reset(self._processor.cycle)
+        self._processor.reset(EXTERNAL)
+
+    def power_cycle(self) -> None:
+        """Take the power away and give it back: nothing is left in the processor's memory."""
+        self._log.reset(self._processor.cycle)
+        self._processor.forget_memory()
+        self._processor.reset(POWER_ON)
+
+    def close(self) -> None:
+        """Free the emulator's memory."""
+        self._processor.close()
+
+    def __enter__(self) -> EmulatedBoard:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,337 @@
+"""An ATmega328P from Debian's libsimavr through ctypes: time, pins, serial line, resets.
+
+libsimavr is loaded at run time where it is installed (apt-get install libsimavr2); it is no part of this
+suite. It was made for programs that watch a firmware. Driving one byte-exactly and fast needs the following,
+each point found by a wrong measurement:
+
+* Bytes to the board come from cycle timers inside the emulation. A loop around `avr_run` cannot hand them
+  over in time: a sleeping core jumps to its next timer, and they would arrive in bunches.
+* Whether such a timer runs is remembered here: `avr_cycle_timer_status` says "none" of one that is overdue.
+* The UART delays a byte that is handed over by its whole byte time, and halves the rate while another one
+  waits. So its byte time is made short for the moment of the hand-over, and put back for the sending side.
+  That byte time is 11 bits: the board sends a tenth slower than a real one.
+* Its receiver holds 64 bytes, the chip's two and one in the making: what overruns there is counted here.
+* Its default is to sleep in wall time at every look at the status register, and to print what is sent. Both
+  are switched off.
+* A core whose firmware sleeps would sleep in wall time, too: `avr->sleep` is replaced.
+* One `avr_run` is one instruction unless `run_cycle_limit` is raised. Every reset, the watchdog's included,
+  puts the limit back and forgets all cycle timers; that is also how a watchdog's reset is noticed.
+* A sleeping core overshoots the end of a slice of time unless a timer stands there.
+* A core that is done or has crashed stands still in time: a loop until some moment would never end.
+* An external reset must set its bit in MCUSR by hand, or a boot loader does not know why it runs. The RAM
+  keeps its contents over a reset, as on the chip.
+* A new prescaler of a running watchdog counts only from the next time it is fed.
+* The callbacks must stay referenced as long as the core lives, and the library's log needs a place to go.
+* The layout of the C structures is the same in simavr 1.6 and 1.7, and checked at start.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from servo_bridge.emulator.errors import EmulatorError, EmulatorMissingError
+
+FREQUENCY = 16_000_000
+"""Cycles a second of the board's crystal."""
+
+BYTE_CYCLES = 1389
+"""Cycles of one byte (10 bits) on a line of 115200 baud."""
+
+FLASH_SIZE = 0x8000
+POWER_ON, EXTERNAL = 1 << 0, 1 << 1
+"""Reset causes, as in the register MCUSR."""
+
+LIBRARY_VARIABLE = "SOFTSIM_SIMAVR"
+INSTALL = "install it with: sudo apt-get install libsimavr2 (Debian, Ubuntu)"
+
+# Offsets in bytes inside the C structures of simavr 1.6 and 1.7 on 64-bit machines.
+_FLASHEND, _STATE, _FREQUENCY, _CYCLE, _LIMIT = 12, 60, 64, 80, 96
+_SLEEP, _PC, _RESET_PC, _FLASH, _DATA = 168, 204, 208, 11712, 11720
+_UART_FIFO_READ, _UART_FIFO_WRITE, _UART_CYCLES_PER_BYTE = 576, 578, 592
+
+_RUNNING, _DONE, _CRASHED = 2, 6, 7
+_MCUSR = 0x54
+_RAM_START, _RAM_SIZE = 0x100, 0x800
+_RUN_LIMIT = 1000
+_HAND_OVER_CYCLES = 8
+_CHIP_FIFO = 2
+
+_TimerFunction = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p)
+_IrqFunction = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
+_SleepFunction = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64)
+_LogFunction = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
+
+
+def _ioctl_code(text: str) -> int:
+    return int.from_bytes(text.encode("ascii"), "big")
+
+
+_silent = _LogFunction(lambda core, level, text, arguments: None)
+_awake = _SleepFunction(lambda core, cycles: None)
+_library: ctypes.CDLL | None = None
+_library_lock = threading.Lock()
+
+
+def load_library() -> ctypes.CDLL:
+    """The emulator's library, loaded once.
+
+    Raises:
+        EmulatorMissingError: it is not installed, or its layout is not the known one.
+    """
+    global _library
+    with _library_lock:
+        if _library is None:
+            library = _open_library()
+            _declare(library)
+            library.avr_global_logger_set(_silent)
+            _check_layout(library)
+            _library = library
+        return _library
+
+
+def why_missing() -> str:
+    """Why no board can be emulated here, in one sentence; empty where one can."""
+    try:
+        load_library()
+    except EmulatorMissingError as error:
+        return str(error)
+    return ""
+
+
+def _open_library() -> ctypes.CDLL:
+    chosen = os.environ.get(LIBRARY_VARIABLE, "")
+    names = [chosen] if chosen else ["libsimavr.so.2", ctypes.util.find_library("simavr") or "libsimavr.so"]
+    for name in names:
+        try:
+            return ctypes.CDLL(name)
+        except OSError:
+            continue
+    raise EmulatorMissingError(f"the board's emulator is missing ({', '.join(names)}); {INSTALL}")
+
+
+def _declare(library: ctypes.CDLL) -> None:
+    pointer, word, long = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint64
+    signatures: dict[str, tuple[Any, list[Any]]] = {
+        "avr_make_mcu_by_name": (pointer, [ctypes.c_char_p]),
+        "avr_init": (ctypes.c_int, [pointer]),
+        "avr_run": (ctypes.c_int, [pointer]),
+        "avr_reset": (None, [pointer]),
+        "avr_terminate": (None, [pointer]),
+        "avr_ioctl": (ctypes.c_int, [pointer, word, pointer]),
+        "avr_io_getirq": (pointer, [pointer, word, ctypes.c_int]),
+        "avr_irq_register_notify": (None, [pointer, _IrqFunction, pointer]),
+        "avr_raise_irq": (None, [pointer, word]),
+        "avr_cycle_timer_register": (None, [pointer, long, _TimerFunction, pointer]),
+        "avr_cycle_timer_cancel": (None, [pointer, _TimerFunction, pointer]),
+        "avr_global_logger_set": (None, [_LogFunction]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+
+
+def _check_layout(library: ctypes.CDLL) -> None:
+    core = library.avr_make_mcu_by_name(b"atmega328p")
+    if not core:
+        raise EmulatorMissingError("the emulator's library knows no ATmega328P; " + INSTALL)
+    library.avr_init(core)
+    seen = tuple(
+        ctypes.c_uint32.from_address(core + offset).value for offset in (_FLASHEND, _FREQUENCY, _STATE)
+    )
+    if seen != (FLASH_SIZE - 1, 1_000_000, _RUNNING):
+        raise EmulatorMissingError(
+            f"the emulator's library is of a version whose layout is not known (it shows {seen}); versions "
+            "1.6 and 1.7 are: " + INSTALL
+        )
+    library.avr_terminate(core)
+
+
+class Processor:
+    """One emulated ATmega328P; time passes only inside `run_to`.
+
+    Args:
+        image: Pieces of flash: address and bytes each.
+        start: Where it begins after a reset: 0, or the address of the boot loader.
+        on_pin: Called with (channel 0..2, level 0 or 1, cycle) at every edge of pins 9, 10, 11.
+        on_byte: Called with every byte that the firmware sends.
+        on_reset: Called after every reset that the watchdog made.
+
+    Raises:
+        EmulatorMissingError: no usable libsimavr here.
+        EmulatorError: the image does not fit into the flash.
+    """
+
+    def __init__(
+        self,
+        image: list[tuple[int, bytes]],
+        start: int,
+        on_pin: Callable[[int, int, int], None],
+        on_byte: Callable[[int], None],
+        on_reset: Callable[[], None],
+    ) -> None:
+        self._library = load_library()
+        for address, data in image:
+            if address + len(data) > FLASH_SIZE:
+                raise EmulatorError(
+                    f"{len(data)} bytes at {address:#x} do not fit into the {FLASH_SIZE} bytes of flash"
+                )
+        core = self._library.avr_make_mcu_by_name(b"atmega328p")
+        self._library.avr_init(core)
+        self._core: int = core
+        self._on_reset = on_reset
+        self._waiting: deque[int] = deque()
+        self._feeding = False
+        self.lost_bytes = 0
+        """Bytes that came while the chip's receiver was full; on the chip they overrun."""
+        self.resets = 0
+        """Resets so far, the first power-on included."""
+
+        ctypes.c_uint32.from_address(core + _FREQUENCY).value = FREQUENCY
+        ctypes.c_uint32.from_address(core + _RESET_PC).value = start
+        ctypes.c_void_p.from_address(core + _SLEEP).value = ctypes.cast(_awake, ctypes.c_void_p).value
+        self._cycle = ctypes.c_uint64.from_address(core + _CYCLE)
+        self._limit = ctypes.c_uint64.from_address(core + _LIMIT)
+        self._pc = ctypes.c_uint32.from_address(core + _PC)
+        flash = ctypes.c_void_p.from_address(core + _FLASH).value
+        memory = ctypes.c_void_p.from_address(core + _DATA).value
+        assert flash is not None
+        assert memory is not None
+        self._ram = (ctypes.c_uint8 * _RAM_SIZE).from_address(memory + _RAM_START)
+        self._flash = (ctypes.c_uint8 * FLASH_SIZE).from_address(flash)
+        self._mcusr = ctypes.c_uint8.from_address(memory + _MCUSR)
+        for address, piece in image:
+            self._flash[address : address + len(piece)] = list(piece)
+
+        self._connect(on_pin, on_byte)
+        self.reset(POWER_ON)
+
+    @property
+    def cycle(self) -> int:
+        """Cycles since the first power-on; resets do not set it back."""
+        return self._cycle.value
+
+    @property
+    def program_counter(self) -> int:
+        """Address in bytes of the next instruction."""
+        return self._pc.value
+
+    @property
+    def flash(self) -> ctypes.Array[ctypes.c_uint8]:
+        """The program memory; writing to it changes what the processor runs."""
+        return self._flash
+
+    @property
+    def waiting(self) -> int:
+        """Bytes still on their way to the board."""
+        return len(self._waiting)
+
+    def feed(self, data: bytes) -> None:
+        """Put bytes on the line to the board; as time passes they arrive one by one at 115200 baud."""
+        self._waiting.extend(data)
+        if self._waiting and not self._feeding:
+            self._feeding = True
+            self._library.avr_cycle_timer_register(self._core, BYTE_CYCLES, self._feed_timer, None)
+
+    def run_to(self, cycle: int) -> None:
+        """Let time pass until a cycle; it ends at most one instruction late.
+
+        Raises:
+            EmulatorError: the processor crashed or stopped for good.
+        """
+        library, core, now, limit = self._library, self._core, self._cycle, self._limit
+        if now.value >= cycle:
+            return
+        library.avr_cycle_timer_register(core, cycle - now.value, self._end_timer, None)
+        run = library.avr_run
+        while now.value < cycle:
+            state = run(core)
+            if limit.value != _RUN_LIMIT:
+                self._after_reset()
+                self._on_reset()
+                library.avr_cycle_timer_register(core, max(1, cycle - now.value), self._end_timer, None)
+            if state in (_DONE, _CRASHED):
+                raise EmulatorError(
+                    f"the emulated processor stopped at {self.program_counter:#06x} after "
+                    f"{now.value / FREQUENCY:.3f} s; the firmware ran into erased or foreign code"
+                )
+
+    def reset(self, cause: int = EXTERNAL) -> None:
+        """Reset it; bytes on their way to the board go on to whatever runs next."""
+        self._library.avr_reset(self._core)
+        self._mcusr.value = cause
+        self._after_reset()
+
+    def forget_memory(self) -> None:
+        """Fill the RAM as a loss of power does; to be followed by a power-on reset."""
+        self._ram[:] = [0xA5] * _RAM_SIZE
+
+    def close(self) -> None:
+        """Free the emulator's memory; a second call does nothing."""
+        if self._core:
+            self._library.avr_terminate(self._core)
+            self._core = 0
+
+    def _connect(self, on_pin: Callable[[int, int, int], None], on_byte: Callable[[int], None]) -> None:
+        library, core = self._library, self._core
+        serial = _ioctl_code("uar0")
+        self._receive_irq: int = library.avr_io_getirq(core, serial, 0)
+        no_flags = ctypes.c_uint32(0)  # neither wall-clock sleeps nor an echo on stdout
+        library.avr_ioctl(core, _ioctl_code("uas0"), ctypes.byref(no_flags))
+
+        self._byte_hook = _IrqFunction(lambda irq, value, parameter: on_byte(value & 0xFF))
+        library.avr_irq_register_notify(library.avr_io_getirq(core, serial, 1), self._byte_hook, None)
+        cycle = self._cycle
+        self._pin_hooks = []
+        for channel in range(3):
+
+            def hook(irq: int, value: int, parameter: int, channel: int = channel) -> None:
+                on_pin(channel, value & 1, cycle.value)
+
+            function = _IrqFunction(hook)
+            self._pin_hooks.append(function)
+            pin = library.avr_io_getirq(core, _ioctl_code("iogB"), channel + 1)
+            library.avr_irq_register_notify(pin, function, None)
+
+        uart = self._uart_address()
+        self._uart_byte_time = ctypes.c_uint64.from_address(uart + _UART_CYCLES_PER_BYTE)
+        self._fifo_read = ctypes.c_uint16.from_address(uart + _UART_FIFO_READ)
+        self._fifo_write = ctypes.c_uint16.from_address(uart + _UART_FIFO_WRITE)
+        self._feed_timer = _TimerFunction(self._feed_one)
+        self._end_timer = _TimerFunction(lambda core, when, parameter: 0)
+
+    def _uart_address(self) -> int:
+        """Address of the UART's own structure: the parameter of its hook on the line into it."""
+        hook = ctypes.c_void_p.from_address(self._receive_irq + 32).value
+        while hook:
+            # struct avr_irq_hook_t: next, busy (int), chain, notify, param
+            parameter = ctypes.c_void_p.from_address(hook + 32).value
+            if parameter and ctypes.c_char.from_address(parameter + 72).value == b"0":
+                return parameter
+            hook = ctypes.c_void_p.from_address(hook).value
+        raise EmulatorMissingError("the emulator's serial line has a layout that is not known; " + INSTALL)
+
+    def _after_reset(self) -> None:
+        self._limit.value = _RUN_LIMIT
+        self.resets += 1
+        self._feeding = False
+        self.feed(b"")
+
+    def _feed_one(self, core: int, when: int, parameter: int) -> int:
+        if not self._waiting:
+            self._feeding = False
+            return 0
+        value = self._waiting.popleft()
+        if (self._fifo_write.value - self._fifo_read.value) % 64 > _CHIP_FIFO:
+            self.lost_bytes += 1
+        else:
+            usual = self._uart_byte_time.value
+            self._uart_byte_time.value = _HAND_OVER_CYCLES
+            self._library.avr_raise_irq(self._receive_irq, value)
+            self._uart_byte_time.value = usual
+        return when + BYTE_CYCLES

@@ -1,0 +1,41 @@
+"""Fixtures of the firmware's tests: an emulated board, or a skip that says why (in CI: a failure)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from servo_bridge.emulator import EmulatedBoard, why_missing
+
+
+@pytest.fixture(scope="session")
+def emulator() -> None:
+    """Nothing, where boards can be emulated; else a skip, or a failure with REQUIRE_SIMAVR=1."""
+    reason = why_missing()
+    if reason and os.environ.get("REQUIRE_SIMAVR"):
+        pytest.fail(reason)
+    if reason:
+        pytest.skip(reason)
+
+
+@pytest.fixture
+def make_board(emulator: None) -> Iterator[Callable[..., EmulatedBoard]]:
+    """Makes boards that are gone after the test; takes a firmware other than the committed one."""
+    boards: list[EmulatedBoard] = []
+
+    def make(hex_path: Path | None = None, bootloader: Path | None = None) -> EmulatedBoard:
+        boards.append(EmulatedBoard(hex_path, bootloader))
+        return boards[-1]
+
+    yield make
+    for board in boards:
+        board.close()
+
+
+@pytest.fixture
+def board(make_board: Callable[..., EmulatedBoard]) -> EmulatedBoard:
+    """A board with the committed firmware, just powered on."""
+    return make_board()
