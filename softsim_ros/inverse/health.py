@@ -36,7 +36,7 @@ def health(
             "residual_rad": report.residual_rad,
             "reachable": report.reachable,
             "active_limits": listing(report.active),
-            "qp_status": report.status,
+            "status": report.status,
             "qp_ms": report.qp_ms,
             "tick_ms": report.tick_ms,
             "ticks_per_second": status.rate,
