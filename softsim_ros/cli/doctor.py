@@ -24,6 +24,8 @@ CHECKS = (
     ros.shared_memory,
     ports.board,
     ports.virtual_board,
+    ports.emulated_board,
+    ports.flashing,
     house.terminal,
 )
 

@@ -31,6 +31,8 @@ def test_a_line_for_everything_and_the_sum_last(capsys: pytest.CaptureFixture[st
         "logs",
         "board",
         "virtual board",
+        "emulated board",
+        "avrdude",
     ):
         assert f"  {subject}: " in shown
     assert " checks, " in shown.splitlines()[-1]
@@ -94,3 +96,14 @@ def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyP
     blocked.touch()
     monkeypatch.setenv("ROS_LOG_DIR", str(blocked / "log"))
     assert ros.log_folder()[0].level is Level.PROBLEM
+
+
+def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    (finding,) = ports.flashing()
+    assert finding.level is Level.OK
+    assert "apt install avrdude" in finding.advice
+    monkeypatch.setattr(ports, "why_missing", lambda: "libsimavr is missing; install it")
+    (finding,) = ports.emulated_board()
+    assert finding.level is Level.OK
+    assert "install it" in finding.text

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 from serial.tools import list_ports
 
+from servo_bridge.emulator.simavr import why_missing
 from servo_bridge.errors import PortError
 from servo_bridge.ports import find_port
 from servo_bridge.virtual_board import VirtualBoard
@@ -42,3 +44,20 @@ def virtual_board() -> list[Finding]:
     """Whether a virtual board can be made on this machine."""
     with VirtualBoard() as virtual:
         return [Finding(Level.OK, "virtual board", f"works (just now on {virtual.port})")]
+
+
+def emulated_board() -> list[Finding]:
+    """Whether the firmware can run in an emulated board; nothing else needs it."""
+    missing = why_missing()
+    if missing:
+        return [Finding(Level.OK, "emulated board", f"not possible here: {missing}")]
+    return [Finding(Level.OK, "emulated board", "works: softsim up tripod --board emulated")]
+
+
+def flashing() -> list[Finding]:
+    """Whether a board's firmware can be uploaded; needed once a board."""
+    program = shutil.which("avrdude")
+    if program is None:
+        advice = "only to put the firmware onto a board: sudo apt install avrdude"
+        return [Finding(Level.OK, "avrdude", "not installed", advice)]
+    return [Finding(Level.OK, "avrdude", program)]
