@@ -6,8 +6,8 @@ All times are seconds of one steady clock that the caller reads; angles are radi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from servo_bridge.codec import byte_to_angle
@@ -19,6 +19,9 @@ MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
 
 SERVO_SPEED = math.radians(200.0)
 """Top speed in [rad/s] of a servo whose joint sets none: what a small hobby servo follows under load."""
+
+SERVO_ACCELERATION = 10.0 * SERVO_SPEED
+"""Top acceleration in [rad/s^2] of a servo whose joint sets none: top speed after 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +42,9 @@ class MotionSettings:
 
 
 def servo_limits(servo: ServoCalibration, limits: JointLimits) -> JointLimits:
-    """The joint's limits, narrowed to the angles that the servo's bytes can express; the speed is finite.
+    """The joint's limits, narrowed to the angles that the servo's bytes can express.
+
+    Speed and acceleration are finite: those of a small hobby servo where the joint sets none.
 
     Raises:
         SceneError: nothing is left, or the rest byte's angle lies outside.
@@ -52,7 +57,12 @@ def servo_limits(servo: ServoCalibration, limits: JointLimits) -> JointLimits:
             f"servo {servo.joint}: rest_byte {servo.rest_byte} is {rest:.4f} rad, outside what limits"
             f" and byte range allow, [{lower:.4f}, {upper:.4f}] rad; change rest_byte or the limits"
         )
-    return JointLimits(lower, upper, SERVO_SPEED if math.isinf(limits.speed) else limits.speed)
+    return JointLimits(
+        lower,
+        upper,
+        SERVO_SPEED if math.isinf(limits.speed) else limits.speed,
+        SERVO_ACCELERATION if math.isinf(limits.acceleration) else limits.acceleration,
+    )
 
 
 class ServoMotion:
@@ -78,6 +88,7 @@ class ServoMotion:
         self.names, self.limits, self.rest = tuple(names), tuple(limits), tuple(rest)
         self.settings = settings or MotionSettings()
         self.positions: tuple[float, ...] = self.rest
+        self.velocities: tuple[float, ...] = (0.0,) * len(self.rest)
         self.clipped = 0
         self._target: tuple[float, ...] | None = None
         self._command_time: float | None = None
@@ -110,6 +121,7 @@ class ServoMotion:
         self._target, self._command_time, self._last_step = None, None, None
         self._since = now
         self._mode = "hold"
+        self._stand()
 
     def resume_from(self, positions: Sequence[float]) -> None:
         """Take over a pose that is known from elsewhere, in [rad], clamped to the limits."""
@@ -132,6 +144,7 @@ class ServoMotion:
     def e_stop(self) -> None:
         """Latch the software e-stop: every servo stays where it was last sent."""
         self._stopped = True
+        self._stand()
 
     def clear_e_stop(self, now: float) -> None:
         """Release the e-stop; the servos stay until a command newer than this (or the rest timeout)."""
@@ -140,7 +153,7 @@ class ServoMotion:
             self.start(now)
 
     def step(self, now: float) -> tuple[float, ...]:
-        """Positions in [rad] to send at `now`; no servo moves faster than its limit since the last step."""
+        """Positions in [rad] to send at `now`; no servo breaks its limits since the last step."""
         settings, silence = self.settings, now - self._since
         if self._stopped:
             self._last_step = now
@@ -150,7 +163,7 @@ class ServoMotion:
             return self._move(self._target, math.inf, now)
         if silence <= max(settings.rest_timeout_s, settings.hold_timeout_s):
             self._mode = "hold"
-            return self._move(self.positions, math.inf, now)
+            return self._brake(now)
         self._mode = "rest"
         return self._move(self.rest, settings.rest_speed, now)
 
@@ -162,11 +175,29 @@ class ServoMotion:
         return self._move(self.rest, math.inf, now)
 
     def _move(self, target: Sequence[float], top_speed: float, now: float) -> tuple[float, ...]:
-        passed = 0.0 if self._last_step is None else now - self._last_step
-        dt = min(max(passed, 0.0), self.settings.longest_step_s)
-        self._last_step = now
-        self.positions = tuple(
-            JointLimits(limits.lower, limits.upper, min(limits.speed, top_speed)).towards(position, goal, dt)
-            for limits, position, goal in zip(self.limits, self.positions, target, strict=True)
+        dt = self._passed(now)
+        return self._take(
+            replace(limits, speed=min(limits.speed, top_speed)).step(position, velocity, goal, dt)
+            for limits, position, velocity, goal in zip(
+                self.limits, self.positions, self.velocities, target, strict=True
+            )
         )
+
+    def _brake(self, now: float) -> tuple[float, ...]:
+        dt = self._passed(now)
+        return self._take(
+            limits.brake(position, velocity, dt)
+            for limits, position, velocity in zip(self.limits, self.positions, self.velocities, strict=True)
+        )
+
+    def _passed(self, now: float) -> float:
+        passed = 0.0 if self._last_step is None else now - self._last_step
+        self._last_step = now
+        return min(max(passed, 0.0), self.settings.longest_step_s)
+
+    def _take(self, states: Iterable[tuple[float, float]]) -> tuple[float, ...]:
+        self.positions, self.velocities = zip(*states, strict=True)
         return self.positions
+
+    def _stand(self) -> None:
+        self.velocities = (0.0,) * len(self.rest)

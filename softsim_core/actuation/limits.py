@@ -1,4 +1,4 @@
-"""Joint limits (position and speed) and the check of a joint command: defined here and nowhere else."""
+"""Joint limits (position, speed, acceleration) and the check of a joint command: defined only here."""
 
 from __future__ import annotations
 
@@ -8,29 +8,36 @@ from dataclasses import dataclass
 
 from softsim_core.errors import CommandError, SceneError, listing
 
+SHORTEST_STEP_S = 1e-9
+"""Steps of a motion shorter than this in [s] are none: nothing is divided by them."""
+
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Interval and top speed of a joint.
+    """Interval, top speed and top acceleration of a joint.
 
     Attributes:
         lower: Smallest position in [rad] (revolute) or [m] (prismatic, cable).
         upper: Largest position, same unit, >= lower.
         speed: Largest speed in [rad/s] or [m/s], > 0.
+        acceleration: Largest change of speed in [rad/s^2] or [m/s^2], > 0; the servo bridge keeps it.
 
     Raises:
-        SceneError: the interval is empty or the speed is not positive.
+        SceneError: the interval is empty, or the speed or the acceleration is not positive.
     """
 
     lower: float = -math.inf
     upper: float = math.inf
     speed: float = math.inf
+    acceleration: float = math.inf
 
     def __post_init__(self) -> None:
         if not self.lower <= self.upper:  # also rejects NaN
             raise SceneError(f"joint limits need lower <= upper, not [{self.lower}, {self.upper}]")
         if not self.speed > 0.0:
             raise SceneError(f"joint speed limit must be > 0, not {self.speed}")
+        if not self.acceleration > 0.0:
+            raise SceneError(f"joint acceleration limit must be > 0, not {self.acceleration}")
 
     def clamp(self, position: float) -> float:
         """The nearest allowed position, same unit as the limits."""
@@ -40,6 +47,56 @@ class JointLimits:
         """Position after moving from `current` towards the clamped `target` for `dt` seconds."""
         reach = self.speed * dt
         return min(max(self.clamp(target), current - reach), current + reach)
+
+    def step(self, current: float, velocity: float, target: float, dt: float) -> tuple[float, float]:
+        """One step of a motion that keeps every limit and comes to a stop on the clamped `target`.
+
+        At a constant dt the target is never overshot and is reached exactly; a target that jumps while the
+        joint moves, or a shorter dt while it brakes, may be passed before it is reached.
+
+        Args:
+            current: Position in [rad] or [m].
+            velocity: Speed of the step before in [rad/s] or [m/s].
+            target: Wanted position.
+            dt: Length of the step in [s]; one below `SHORTEST_STEP_S` changes nothing.
+
+        Returns:
+            Position and speed after the step.
+        """
+        if not dt > SHORTEST_STEP_S:
+            return current, velocity
+        way = self.clamp(target) - current
+        change = self.acceleration * dt
+        wanted = math.copysign(min(_stopping_speed(abs(way), change, dt), self.speed), way)
+        speed = min(max(wanted, velocity - change), velocity + change)
+        if speed == wanted and abs(way) <= min(self.speed, change) * dt:
+            return self.clamp(target), speed
+        return self._advance(current, speed, dt)
+
+    def brake(self, current: float, velocity: float, dt: float) -> tuple[float, float]:
+        """One step of coming to a stop at the acceleration limit; arguments and result as of `step`."""
+        if not dt > SHORTEST_STEP_S:
+            return current, velocity
+        speed = math.copysign(max(abs(velocity) - self.acceleration * dt, 0.0), velocity)
+        return self._advance(current, speed, dt)
+
+    def _advance(self, current: float, speed: float, dt: float) -> tuple[float, float]:
+        free = current + speed * dt
+        after = self.clamp(free)
+        return after, (speed if after == free else 0.0)
+
+
+def _stopping_speed(way: float, change: float, dt: float) -> float:
+    """Largest speed from which steps of `dt`, each slower by `change` at most, stop within `way` >= 0.
+
+    With n steps, v + (v - change) + ... = way / dt, so v = way / (n dt) + change (n - 1) / 2, where n is the
+    smallest whole number with n (n + 1) / 2 >= way / (change dt).
+    """
+    ratio = way / (change * dt)  # 0 where the acceleration has no limit
+    if not ratio > 1.0:
+        return way / dt
+    steps = math.ceil((math.sqrt(1.0 + 8.0 * ratio) - 1.0) / 2.0)
+    return way / (steps * dt) + change * (steps - 1) / 2.0
 
 
 def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]:

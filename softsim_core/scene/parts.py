@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 MeshLevel: TypeAlias = Literal["low", "mid", "high"]
 
-TRIPOD_LIMITS = JointLimits(lower=-2.0225, upper=-0.0255, speed=3.5)
-"""Range in [rad] and top speed in [rad/s] of the Tripod's servos as mounted (200 deg/s)."""
+TRIPOD_LIMITS = JointLimits(lower=-2.0225, upper=-0.0255, speed=3.5, acceleration=35.0)
+"""Range in [rad], top speed in [rad/s] (200 deg/s) and acceleration of the Tripod's servos as mounted."""
 
 _TIP_SIZE: Vector = (0.030, 0.045, 0.015)
 _NOWHERE = Placement()

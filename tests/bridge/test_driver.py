@@ -21,7 +21,7 @@ from softsim_core.scene.description import (
 )
 
 PERIOD = 0.02
-LIMITS = JointLimits(-2.0225, -0.0255, 3.5)
+LIMITS = JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9)
 
 
 def robot(*servos: ServoCalibration, limits: JointLimits = LIMITS) -> SceneDescription:
@@ -176,7 +176,10 @@ def test_commands_are_in_joint_order_and_packets_in_servo_order(
 ) -> None:
     servos = [ServoCalibration(joint="c"), ServoCalibration(joint="a", sign=-1, zero_byte=90, trim_deg=2.5)]
     driver = ServoDriver(
-        robot(*servos, limits=JointLimits(-1.5, 1.5)), avoid_byte_100=False, clock=clock, wait=clock.wait
+        robot(*servos, limits=JointLimits(-1.5, 1.5, acceleration=1e9)),
+        avoid_byte_100=False,
+        clock=clock,
+        wait=clock.wait,
     )
     driver.connect(board.port)
     driver.start()

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_bridge.codec import byte_to_angle
-from servo_bridge.safety import SERVO_SPEED, MotionSettings, ServoMotion, servo_limits
+from servo_bridge.safety import SERVO_ACCELERATION, SERVO_SPEED, MotionSettings, ServoMotion, servo_limits
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.scene.description import ServoCalibration
 
 SERVO = ServoCalibration(joint="servo_0")
-LIMITS = servo_limits(SERVO, JointLimits(-2.0225, -0.0255, 3.5))
+LIMITS = servo_limits(SERVO, JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9))
+REAL = servo_limits(SERVO, JointLimits(-2.0225, -0.0255, 3.5))
 REST = byte_to_angle(150, SERVO)
 NAMES = ("servo_0", "servo_1", "servo_2")
 PERIOD = 0.02
@@ -26,6 +27,14 @@ def tripod_motion(**changes: float) -> ServoMotion:
     motion = ServoMotion(NAMES, [LIMITS] * 3, [REST] * 3, MotionSettings(**changes))
     motion.start(0.0)
     assert motion.step(0.0) == (REST,) * 3
+    return motion
+
+
+def real_motion() -> ServoMotion:
+    """With the acceleration limit of a hobby servo."""
+    motion = ServoMotion(NAMES, [REAL] * 3, [REST] * 3)
+    motion.start(0.0)
+    motion.step(0.0)
     return motion
 
 
@@ -160,6 +169,7 @@ def test_servo_limits_are_narrowed_to_the_bytes() -> None:
     full_turn = servo_limits(SERVO, JointLimits(-10.0, 10.0, math.inf))
     assert (full_turn.lower, full_turn.upper) == (byte_to_angle(60, SERVO), byte_to_angle(180, SERVO))
     assert full_turn.speed == SERVO_SPEED
+    assert full_turn.acceleration == SERVO_ACCELERATION
     mirrored = servo_limits(
         ServoCalibration(joint="j", sign=-1, zero_byte=90, byte_max=170, rest_byte=90), JointLimits()
     )
@@ -170,6 +180,33 @@ def test_servo_limits_are_narrowed_to_the_bytes() -> None:
 def test_a_rest_byte_outside_the_limits_is_refused() -> None:
     with pytest.raises(SceneError, match="rest_byte 150"):
         servo_limits(SERVO, JointLimits(-2.0, -1.0, 3.5))
+
+
+def test_speed_is_gained_and_lost_within_the_acceleration_limit() -> None:
+    motion = real_motion()
+    motion.command([-2.0] * 3, 0.0)
+    path = [REST, *(positions[0] for positions in run(motion, 0.0, 0.5))]
+    motion.command([-0.1] * 3, 0.5)  # and back from the middle of nowhere
+    path += [positions[0] for positions in run(motion, 0.5, 0.7)]
+    motion.command([-2.0] * 3, 0.7)
+    path += [positions[0] for positions in run(motion, 0.7, 1.2)]
+    speeds = [(after - before) / PERIOD for before, after in pairwise([REST, *path])]
+    assert max(map(abs, speeds)) == pytest.approx(3.5)
+    assert max(abs(b - a) for a, b in pairwise(speeds)) <= SERVO_ACCELERATION * PERIOD + 1e-9
+    assert path[-1] == -2.0
+
+
+def test_silence_brakes_and_the_e_stop_stops_at_once() -> None:
+    for stop, least_travel in ((False, 0.1), (True, 0.0)):
+        motion = real_motion()
+        motion.command([-2.0] * 3, 0.0)
+        before = run(motion, 0.0, 0.2)[-1][0]
+        motion.settings = MotionSettings(hold_timeout_s=0.2)
+        if stop:
+            motion.e_stop()
+        travel = before - run(motion, 0.2, 1.0)[-1][0]
+        assert least_travel <= travel <= 3.5**2 / (2 * SERVO_ACCELERATION)
+        assert (travel == 0.0) == stop
 
 
 events = st.lists(

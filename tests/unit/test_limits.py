@@ -71,3 +71,54 @@ def test_a_command_that_is_not_finite_names_the_joint(value: float, place: int) 
     values[place] = value
     with pytest.raises(CommandError, match=f"servo_{place}.*finite"):
         check_command(values, JOINTS)
+
+
+@pytest.mark.parametrize("acceleration", [0.0, -1.0, math.nan])
+def test_an_acceleration_limit_is_positive(acceleration: float) -> None:
+    with pytest.raises(SceneError, match="acceleration limit must be > 0"):
+        JointLimits(acceleration=acceleration)
+
+
+@seed(0)
+@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.1, 100.0), st.floats(0.1, 1e4))
+def test_a_motion_keeps_speed_and_acceleration_and_stops_on_its_target(
+    start: float, target: float, speed: float, acceleration: float
+) -> None:
+    limits, dt = JointLimits(-2.0, 2.0, speed, acceleration), 0.02
+    position, velocity = start, 0.0
+    sign = math.copysign(1.0, target - start)
+    for _ in range(100_000):
+        after, new_velocity = limits.step(position, velocity, target, dt)
+        assert abs(new_velocity) <= speed * (1.0 + 1e-9)
+        assert abs(new_velocity - velocity) <= acceleration * dt * (1.0 + 1e-9) + 1e-9
+        assert abs(after - position) <= speed * dt * (1.0 + 1e-9) + 1e-12
+        assert sign * (target - after) >= -1e-9  # no overshoot
+        if after == position == target:
+            break
+        position, velocity = after, new_velocity
+    assert position == target
+    assert limits.step(position, velocity, target, dt)[0] == target
+
+
+@seed(0)
+@given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(0.0, 0.04)), max_size=60))
+def test_targets_that_jump_and_uneven_steps_break_no_limit(moves: list[tuple[float, float]]) -> None:
+    limits = JointLimits(-2.0, 1.0, 3.5, 35.0)
+    position, velocity = 0.0, 0.0
+    for target, dt in moves:
+        after, new_velocity = limits.step(position, velocity, target, dt)
+        assert limits.lower <= after <= limits.upper
+        assert abs(after - position) <= limits.speed * dt + 1e-12
+        if limits.lower < after < limits.upper:  # at a limit of position the stop is at once
+            assert abs(new_velocity - velocity) <= limits.acceleration * dt + 1e-9
+        position, velocity = after, new_velocity
+
+
+def test_braking_takes_its_time_and_standing_still_none() -> None:
+    limits = JointLimits(-2.0, 2.0, 3.5, 35.0)
+    assert limits.brake(1.0, 0.0, 0.02) == (1.0, 0.0)
+    assert limits.brake(1.0, 3.5, 0.0) == (1.0, 3.5)
+    position, velocity = limits.brake(1.0, -3.5, 0.02)
+    assert velocity == pytest.approx(-2.8)
+    assert position == pytest.approx(1.0 - 2.8 * 0.02)
+    assert JointLimits(-2.0, 2.0, 3.5).brake(1.0, 3.5, 0.02) == (1.0, 0.0)

@@ -83,7 +83,7 @@ def test_minimal_scene_has_the_defaults(write: Write, tmp_path: Path) -> None:
 def test_the_tripod_has_the_documented_values() -> None:
     robot = load_scene("tripod", kind="robots")
     assert robot.joint_names == ("servo_0", "servo_1", "servo_2")
-    assert {joint.limits for joint in robot.joints} == {JointLimits(-2.0225, -0.0255, 3.5)}
+    assert {joint.limits for joint in robot.joints} == {JointLimits(-2.0225, -0.0255, 3.5, 35.0)}
     assert robot.poses["mid"] == pytest.approx((-3.14 / 3,) * 3)
     assert robot.board is not None
     assert [servo.joint for servo in robot.board.servos] == list(robot.joint_names)
