@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 
 from servo_bridge.codec import PacketParser
-from servo_bridge.errors import PortError
+from servo_bridge.port_link import make_link, remove_link
 
 IDLE_POLL_S = 0.02
 """How often a port that nobody has open is looked at, in [s]."""
@@ -133,7 +133,7 @@ class VirtualBoard:
         os.close(self._wake_read)
         os.close(self._wake_write)
         self._master = None
-        self._remove_link()
+        remove_link(self.link, self._device)
         with self._changed:
             self._opened, self._servo_bytes, self._device = False, None, ""
             self._changed.notify_all()
@@ -150,7 +150,7 @@ class VirtualBoard:
         try:
             tty.setraw(slave)
             self._device = os.ttyname(slave)
-            self._make_link()
+            make_link(self.link, self._device)
         except BaseException:
             os.close(master)
             raise
@@ -211,27 +211,6 @@ class VirtualBoard:
                 self._servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))
             self._changed.notify_all()
-
-    def _make_link(self) -> None:
-        if self.link is None:
-            return
-        if self.link.exists() and not self.link.is_symlink():
-            raise PortError(
-                str(self.link), f"{self.link} exists and is no link; give another path for the link"
-            )
-        fresh = self.link.with_name(f".{self.link.name}.{os.getpid()}")
-        try:
-            fresh.unlink(missing_ok=True)
-            fresh.symlink_to(self._device)
-            fresh.replace(self.link)
-        except OSError as error:
-            raise PortError(
-                str(self.link), f"link {self.link} cannot be made ({error.strerror}); give another path"
-            ) from error
-
-    def _remove_link(self) -> None:
-        if self.link is not None and self.link.is_symlink() and str(self.link.readlink()) == self._device:
-            self.link.unlink()
 
 
 def _read(master: int) -> bytes:

@@ -2,7 +2,16 @@
 
 from servo_bridge.emulator.board import FIRMWARE, EmulatedBoard
 from servo_bridge.emulator.errors import EmulatorError, EmulatorMissingError
+from servo_bridge.emulator.pty_board import EmulatedBoardPty
 from servo_bridge.emulator.pulses import Pulse
 from servo_bridge.emulator.simavr import why_missing
 
-__all__ = ["FIRMWARE", "EmulatedBoard", "EmulatorError", "EmulatorMissingError", "Pulse", "why_missing"]
+__all__ = [
+    "FIRMWARE",
+    "EmulatedBoard",
+    "EmulatedBoardPty",
+    "EmulatorError",
+    "EmulatorMissingError",
+    "Pulse",
+    "why_missing",
+]
