@@ -1,11 +1,10 @@
-"""Several nodes in one process: simulator, servo bridge, virtual board, and the teleop or a status line."""
+"""Several nodes in one process: simulator, servo bridge, a board, and the teleop or a status line."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
 import sys
-from dataclasses import dataclass
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
@@ -14,8 +13,8 @@ from rclpy.parameter import Parameter
 from rclpy.utilities import ok, try_shutdown
 
 from servo_bridge.bridge_node import ServoBridge
-from servo_bridge.virtual_board_node import VirtualBoardNode
 from softsim_core.scene import SceneDescription
+from softsim_ros.cli.boards import BoardChoice, BoardKind, LocalBoard, local_board
 from softsim_ros.cli.status_line import show_status
 from softsim_ros.inverse.inverse_node import InverseControl
 from softsim_ros.runtime import SpinThread
@@ -24,23 +23,6 @@ from softsim_ros.teleop.held_output import HeldOutput
 from softsim_ros.teleop.loop import ready_callbacks, run_teleop
 from softsim_ros.teleop.teleop_node import Teleop
 from softsim_ros.teleop.terminal import NoTerminalError, RawTerminal
-
-
-@dataclass(frozen=True, slots=True)
-class BoardChoice:
-    """Which board the bridge talks to.
-
-    Attributes:
-        present: Whether there is a bridge at all.
-        virtual: A virtual board in this process.
-        port: Port of a real one; empty searches for the one that is plugged in.
-        send: Start sending at once, without waiting for key B.
-    """
-
-    present: bool
-    virtual: bool
-    port: str
-    send: bool
 
 
 class Station:
@@ -56,13 +38,14 @@ class Station:
     def __init__(
         self, scene: SceneDescription, namespace: str, board: BoardChoice, *, inverse: bool = False
     ) -> None:
-        self.virtual_board: VirtualBoardNode | None = None
+        self.board: LocalBoard | None = None
         self.bridge: ServoBridge | None = None
         self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
             self.simulator = Simulator(scene, namespace=namespace)
             stack.callback(self.simulator.close)
-            hardware = self._add_bridge(stack, scene, namespace, board) if board.present else []
+            bridged = board.kind is not BoardKind.NONE
+            hardware = self._add_bridge(stack, scene, namespace, board) if bridged else []
             stack.enter_context(SpinThread([self.simulator]))
             if hardware:
                 stack.enter_context(SpinThread(hardware))
@@ -75,30 +58,21 @@ class Station:
     def _add_bridge(
         self, stack: contextlib.ExitStack, scene: SceneDescription, namespace: str, board: BoardChoice
     ) -> list[Node]:
-        nodes: list[Node] = []
-        port, wait_s = board.port, None
-        if board.virtual:
-            servos = len(scene.board.servos) if scene.board else 0
-            self.virtual_board = VirtualBoardNode(
-                link="", namespace=namespace, parameter_overrides=[Parameter("servos", value=servos)]
-            )
-            stack.callback(self.virtual_board.destroy_node)
-            nodes.append(self.virtual_board)
-            port, wait_s = self.virtual_board.board.port, 0.0
+        self.board = local_board(stack, scene, namespace, board.kind)
         values: dict[str, object] = {
             "robot": scene.name,
-            "port": port,
+            "port": board.port if self.board is None else self.board.port,
             "autostart": "activate" if board.send else "configure",
         }
-        if wait_s is not None:  # a virtual board has no boot loader to wait for
-            values["open_wait_s"] = wait_s
+        if self.board is not None and self.board.quiet_s is not None:
+            values["open_wait_s"] = self.board.quiet_s
         self.bridge = ServoBridge(
             scene=scene,
             namespace=namespace,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         stack.callback(self.bridge.destroy_node)
-        return [*nodes, self.bridge]
+        return [*(self.board.nodes if self.board else ()), self.bridge]
 
     def __enter__(self) -> Station:
         """Everything spins already."""
@@ -138,7 +112,7 @@ def run_station(
         with Station(scene, namespace, board, inverse=inverse) as station:
             try:
                 if not (interactive and _drive(scene, namespace)):
-                    show_status(station.simulator, station.bridge, station.virtual_board)
+                    show_status(station.simulator, station.bridge, station.board)
             finally:
                 _ignore_signals()
     except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):

@@ -9,7 +9,7 @@ import time
 from rclpy.utilities import ok
 
 from servo_bridge.bridge_node import ServoBridge
-from servo_bridge.virtual_board_node import VirtualBoardNode
+from softsim_ros.cli.boards import LocalBoard
 from softsim_ros.simulator.simulator_node import Simulator
 
 LOOK_S = 0.2
@@ -18,7 +18,7 @@ LOG_PERIOD_S = 30.0
 
 
 def status_text(
-    simulator: Simulator, bridge: ServoBridge | None, virtual_board: VirtualBoardNode | None
+    simulator: Simulator, bridge: ServoBridge | None, board: LocalBoard | None
 ) -> tuple[str, str]:
     """The line without and with the numbers that change all the time; a change of the first is news."""
     status = simulator.physics.status
@@ -27,23 +27,19 @@ def status_text(
     figures = f"t {status.time_s:.1f} s  {status.speed.real_time_factor:.2f} x real time"
     if bridge is not None:
         news += f"  bridge {bridge.lifecycle_state}"
-    if virtual_board is not None:
-        sent = virtual_board.board.servo_bytes
-        shown = "none yet" if sent is None else " ".join(map(str, sent))
-        news += f" on {virtual_board.board.port}"
-        figures += f"  servo bytes {shown}"
+    if board is not None:
+        news += f" on {board.port}"
+        figures += f"  {board.pose_text}"
     return news, f"{news}  {figures}"
 
 
-def show_status(
-    simulator: Simulator, bridge: ServoBridge | None, virtual_board: VirtualBoardNode | None
-) -> None:
+def show_status(simulator: Simulator, bridge: ServoBridge | None, board: LocalBoard | None) -> None:
     """Show the line until the context shuts down."""
     terminal = sys.stdout.isatty()
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
     shown, due, nap = "", 0.0, threading.Event()
     while ok():
-        news, line = status_text(simulator, bridge, virtual_board)
+        news, line = status_text(simulator, bridge, board)
         now = time.monotonic()
         if now >= due or (news != shown and not terminal):
             print(f"\r\x1b[K{line}" if terminal else line, end="" if terminal else "\n", flush=True)

@@ -6,8 +6,7 @@ import argparse
 import re
 import sys
 
-VIRTUAL = "virtual"
-SEARCH = "auto"
+VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +19,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--board",
         default=VIRTUAL,
         metavar="PORT",
-        help=f"{VIRTUAL} (default), {SEARCH} (the one that is plugged in), or a path such as /dev/ttyACM0",
+        help=f"{VIRTUAL} (default), {EMULATED} (the real firmware in an emulated board),"
+        f" {SEARCH} (the one that is plugged in), or a path such as /dev/ttyACM0",
     )
     parser.add_argument("--no-bridge", action="store_true", help="simulate only")
     parser.add_argument("--send", action="store_true", help="send to the board at once, without key B")
@@ -42,8 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"softsim up: ROS 2 is not installed here ({error}); see softsim doctor", file=sys.stderr)
         return 1
     from softsim_core.scene import load_scene
+    from softsim_ros.cli.boards import BoardChoice, BoardKind
     from softsim_ros.cli.one_at_a_time import only_one
-    from softsim_ros.cli.station import BoardChoice, run_station
+    from softsim_ros.cli.station import run_station
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
     namespace = (arguments.namespace or scene.name).strip("/")
@@ -56,9 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     if scene.board is None and not arguments.no_bridge:
         print(f"{scene.name} has no section board: simulating only, without a servo bridge")
+    named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(arguments.board, BoardKind.REAL)
     board = BoardChoice(
-        present=not arguments.no_bridge and scene.board is not None,
-        virtual=arguments.board == VIRTUAL,
+        BoardKind.NONE if arguments.no_bridge or scene.board is None else named,
         port="" if arguments.board == SEARCH else arguments.board,
         send=arguments.send,
     )

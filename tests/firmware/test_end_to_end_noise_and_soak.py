@@ -1,4 +1,4 @@
-"""Hours of the line in virtual time: flipped bits never make a servo fast, and nothing is lost on a clean one."""
+"""Long runs in virtual time: flipped bits never make a servo fast, and a clean line loses nothing."""
 
 from __future__ import annotations
 
