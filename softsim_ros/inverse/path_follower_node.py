@@ -27,15 +27,16 @@ from softsim_core.inverse.path_files import find_path, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.goals import WORLD
+from softsim_ros.inverse.inverse_switch import InverseSwitch
+from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, declare_parameters
 from softsim_ros.inverse.path_messages import effector_path
 from softsim_ros.inverse.path_player import PathPlayer
 from softsim_ros.inverse.robot import effector_rest
-from softsim_ros.messages import diagnostic_array, diagnostic_values, pose_stamped
+from softsim_ros.messages import diagnostic_array, pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
+from softsim_ros.runtime import ClosableNode, run_node
 from softsim_ros.simulator.parameters import declare_robot
 from softsim_ros.simulator.simulator_node import requested_robot
-from softsim_ros.teleop.services import AsyncService
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
@@ -44,8 +45,6 @@ GOAL_PERIOD_S: Final = 0.02
 PROGRESS_PERIOD_S: Final = 0.1
 DISCOVERY_S: Final = 5.0
 """An automatic start waits for the other nodes at most this long."""
-
-STARTS: Final = ("rest", "measured")
 
 
 class PathFollower(ClosableNode):
@@ -87,26 +86,25 @@ class PathFollower(ClosableNode):
     def _begin(self, scene: SceneDescription, robot: str) -> None:
         self.robot, self._rest = scene.name, effector_rest(scene)
         declare_robot(self, robot)
-        self._declare()
+        declare_parameters(self)
+        self._own_task = scene.inverse.task
+        self._file = str(self.get_parameter("file").value)
         self._player = PathPlayer()
         self._received: EffectorPath | None = None
         self._measured: Array | None = None
         self._enabled = True
-        self._inverse_is_on = False
-        self._inverse_was_on = False
         self._problem = ""
         # An automatic start is due as soon as the others are found, at the latest at this time.
         self._start_by: float | None = None
         simulated = bool(self.get_parameter("use_sim_time").value)
         self._path_clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._ticked_at = self._now()
-        self._inverse = AsyncService(self, SetBool, "inverse_controller/enable")
+        self._inverse = InverseSwitch(self, self._on_inverse, self._warn)
         self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
         self._progress = self.create_publisher(Float64, "~/progress", 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.create_service(Trigger, "~/start", answers.trigger(self.start))
         self.create_service(SetBool, "~/pause", answers.switch(self.pause))
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))
@@ -123,31 +121,6 @@ class PathFollower(ClosableNode):
         if self.get_parameter("autostart").value and self._file:
             self._start_by = time.monotonic() + DISCOVERY_S
 
-    def _declare(self) -> None:
-        self._file = declare_text(
-            self,
-            "file",
-            "",
-            "Path: a maze plan (.json) or timed poses (.csv); a file, or a name in configs/paths",
-            read_only=False,
-        )
-        declare_text(
-            self,
-            "start_from",
-            STARTS[0],
-            "Where a maze plan begins: at the effector's place on the robot at rest, or where it is measured",
-            choices=STARTS,
-        )
-        declare_switch(self, "loop", False, "Begin again at the end")
-        declare_number(self, "speed", 1.0, "Seconds of the path a second", 0.0, 100.0)
-        declare_switch(self, "autostart", False, "Start as soon as the node runs, or a path arrives")
-        declare_switch(
-            self, "enable_inverse", True, "Switch the inverse controller on at the start of a path"
-        )
-        declare_switch(
-            self, "start_with_inverse", False, "Start when the inverse controller is switched on (key I)"
-        )
-
     # --- services -------------------------------------------------------------------------------------
 
     def start(self) -> str:
@@ -160,26 +133,38 @@ class PathFollower(ClosableNode):
         self._path()
         if not self._can_start() and self._start_by is None:
             self._start_by = time.monotonic() + DISCOVERY_S
-            return f"the path starts as soon as {self._inverse.name} is found"
+            return f"the path starts as soon as {self._inverse.service} is found"
         return self._play()
 
     def _play(self) -> str:
         self._start_by = None
         self._check_enabled()
         path = self._path()
-        self._problem, self._inverse_was_on = "", self._inverse_is_on
-        if not self.get_parameter("enable_inverse").value or self._inverse_is_on:
+        self._problem = ""
+        if not self._inverse.is_there and not self._inverse.is_on:
             self._begin_path(path)
-        elif not self._inverse.is_there:
+            if self._switch("enable_inverse"):
+                self._warn(f"nobody serves {self._inverse.service}: the goals are given all the same")
+            return _started(path)
+        task = self._task()
+        if task:
+            self._inverse.follow(task)
+        if self._inverse.is_on or not self._switch("enable_inverse"):
             self._begin_path(path)
-            self._warn(f"nobody serves {self._inverse.name}: the goals are given all the same")
-        elif not self._inverse.is_busy:
-            self._inverse.call(
-                SetBool.Request(data=True),
-                time.monotonic(),
-                lambda response: self._on_inverse_answer(response, path),
-            )
-        return f"path started: {path.duration:g} s"
+        else:
+            self._inverse.enable(lambda reason: self._on_inverse_answer(reason, path))
+        return _started(path)
+
+    def _task(self) -> str:
+        """What the inverse controller shall follow; empty: what it does now."""
+        task = str(self.get_parameter("task").value)
+        if task != AUTO:
+            return "" if task == LEAVE else task
+        is_plan = self._received is None and find_path(self._file).suffix == ".json"
+        return "height_tilt" if is_plan else self._own_task
+
+    def _switch(self, name: str) -> bool:
+        return bool(self.get_parameter(name).value)
 
     def _begin_path(self, path: EffectorPath) -> None:
         self._player.start(path)
@@ -222,12 +207,19 @@ class PathFollower(ClosableNode):
             start = self._measured
         return read_path(self._file, start)
 
-    def _on_inverse_answer(self, response: SetBool.Response | None, path: EffectorPath) -> None:
-        if response is not None and response.success and self._enabled:
-            self._begin_path(path)
-        elif self._enabled:
-            reason = "no answer" if response is None else response.message
+    def _on_inverse_answer(self, reason: str, path: EffectorPath) -> None:
+        if reason:
             self._warn(f"not started: the inverse controller cannot be switched on: {reason}")
+        elif self._enabled:
+            self._begin_path(path)
+
+    def _on_inverse(self, is_on: bool) -> None:
+        """The inverse controller was seen to go on or off."""
+        if is_on and self._player.state != "running" and self._switch("start_with_inverse"):
+            self._attempt_start()
+        elif not is_on and self._player.state in ("running", "paused"):
+            self._player.stop()
+            self._warn("stopped: the inverse controller was switched off")
 
     # --- messages -------------------------------------------------------------------------------------
 
@@ -246,27 +238,10 @@ class PathFollower(ClosableNode):
         place = message.pose.position
         self._measured = np.array([place.x, place.y, place.z])
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        name = f"{self.get_namespace().strip('/')}/inverse_controller".lstrip("/")
-        values = diagnostic_values(message, name)
-        if "mode" not in values:
-            return
-        was_on, self._inverse_is_on = self._inverse_is_on, values["mode"] != "off"
-        if self._inverse_is_on:
-            self._inverse_was_on = True
-            if not was_on and self._player.state != "running" and self._starts_with_inverse():
-                self._attempt_start()
-        elif self._inverse_was_on and self._player.state in ("running", "paused"):
-            self._player.stop()
-            self._warn("stopped: the inverse controller was switched off")
-
-    def _starts_with_inverse(self) -> bool:
-        return bool(self.get_parameter("start_with_inverse").value)
-
     def _can_start(self) -> bool:
         """Whether those a start depends on have been found."""
         needs_place = self.get_parameter("start_from").value == "measured" and self._measured is None
-        switches = bool(self.get_parameter("enable_inverse").value) and not self._inverse_is_on
+        switches = self._switch("enable_inverse") and not self._inverse.is_on
         return not needs_place and (self._inverse.is_there or not switches)
 
     def _attempt_start(self) -> None:
@@ -291,10 +266,10 @@ class PathFollower(ClosableNode):
     def _tick(self) -> None:
         now = self._now()
         elapsed, self._ticked_at = max(now - self._ticked_at, 0.0), now
-        self._inverse.expire(time.monotonic())
+        self._inverse.expire()
         if self._start_by is not None and (self._can_start() or time.monotonic() > self._start_by):
             self._attempt_start()
-        speed, loop = float(self.get_parameter("speed").value), bool(self.get_parameter("loop").value)
+        speed, loop = float(self.get_parameter("speed").value), self._switch("loop")
         pose = self._player.advance(speed * elapsed, loop=loop)
         if pose is None:
             return
@@ -317,7 +292,7 @@ class PathFollower(ClosableNode):
             "duration_s": player.path.duration if player.path is not None else 0.0,
             "percent": player.percent,
             "rounds": player.rounds,
-            "inverse": "on" if self._inverse_is_on else "off or unknown",
+            "inverse": "on" if self._inverse.is_on else "off or unknown",
         }
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         level, sentence = (WARN, self._problem) if self._problem else (OK, str(values["state"]))
@@ -330,6 +305,10 @@ class PathFollower(ClosableNode):
     def _warn(self, sentence: str) -> None:
         self._problem = sentence
         self.get_logger().warning(sentence)
+
+
+def _started(path: EffectorPath) -> str:
+    return f"path started: {path.duration:g} s"
 
 
 def main(args: Sequence[str] | None = None) -> int:

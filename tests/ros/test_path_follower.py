@@ -15,6 +15,7 @@ pytestmark = pytest.mark.ros
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Path as PathMessage  # noqa: E402
+from rcl_interfaces.srv import SetParametersAtomically  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
@@ -124,7 +125,17 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
         response.success, response.message = len(calls) > 1, "the joints were not heard of yet"
         return response
 
+    tasks: list[str] = []
+
+    def set_task(request: Any, response: Any) -> Any:
+        tasks.extend(parameter.value.string_value for parameter in request.parameters)
+        response.result.successful = True
+        return response
+
     service = client.node.create_service(SetBool, "inverse_controller/enable", answer)
+    parameters = client.node.create_service(
+        SetParametersAtomically, "inverse_controller/set_parameters_atomically", set_task
+    )
     try:
         bench = start_follower(loop=True)
         assert spin_until(lambda: bench.follower._inverse.is_there)
@@ -138,13 +149,18 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
         assert spin_until(lambda: len(calls) == 2)
         assert spin_until(lambda: bench.follower._player.state == "running")
         report(client, "following")
-        assert spin_until(lambda: bench.follower._inverse_is_on)
+        assert spin_until(lambda: bench.follower._inverse.is_on)
         assert bench.follower._player.state == "running"
         report(client, "off")
         assert spin_until(lambda: bench.follower._player.state == "idle")
         assert bench.follower._problem == "stopped: the inverse controller was switched off"
+        assert tasks == ["height_tilt", "height_tilt"]
+        assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
+        assert bench.start()[0]
+        assert spin_until(lambda: tasks[2:] == ["position"])  # the Tripod's own
     finally:
         client.node.destroy_service(service)
+        client.node.destroy_service(parameters)
 
 
 def test_it_starts_when_inverse_control_is_switched_on(

@@ -1,0 +1,83 @@
+"""The inverse controller as nodes that give goals see it: on or off, its switch, what it follows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool
+
+from softsim_ros.messages import diagnostic_values
+from softsim_ros.teleop.services import AsyncService
+
+NAME = "inverse_controller"
+
+
+class InverseSwitch:
+    """Follows and switches the `inverse_controller` of a node's namespace, without ever blocking.
+
+    Args:
+        node: Its executor delivers the answers.
+        changed: Called with True or False when the controller was seen to go on or off.
+        warn: Told a sentence when a call fails.
+
+    Attributes:
+        is_on: Whether its last report said that it controls.
+    """
+
+    def __init__(self, node: Node, changed: Callable[[bool], None], warn: Callable[[str], None]) -> None:
+        self.is_on = False
+        self._changed, self._warn = changed, warn
+        self._name = f"{node.get_namespace().strip('/')}/{NAME}".lstrip("/")
+        self._enable = AsyncService(node, SetBool, f"{NAME}/enable")
+        self._parameters = AsyncService(node, SetParametersAtomically, f"{NAME}/set_parameters_atomically")
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    @property
+    def service(self) -> str:
+        """Name of the service that switches it."""
+        return self._enable.name
+
+    @property
+    def is_there(self) -> bool:
+        """Whether its services have been found."""
+        return self._enable.is_there and self._parameters.is_there
+
+    def expire(self) -> None:
+        """Give up calls that have waited too long; call it now and then."""
+        for service in (self._enable, self._parameters):
+            service.expire(time.monotonic())
+
+    def enable(self, answered: Callable[[str], None]) -> None:
+        """Switch it on; `answered` is told why not, or an empty text. Nothing while a call is under way."""
+
+        def on_answer(response: SetBool.Response | None) -> None:
+            answered("no answer" if response is None else "" if response.success else response.message)
+
+        if not self._enable.is_busy:
+            self._enable.call(SetBool.Request(data=True), time.monotonic(), on_answer)
+
+    def follow(self, task: str) -> None:
+        """Set what of a goal it follows: position, orientation, height_tilt or pose."""
+
+        def on_answer(response: SetParametersAtomically.Response | None) -> None:
+            if response is None or not response.result.successful:
+                reason = "no answer" if response is None else response.result.reason
+                self._warn(f"the inverse controller's task cannot be set to {task}: {reason}")
+
+        if not self._parameters.is_busy:
+            parameter = Parameter("task", value=task).to_parameter_msg()
+            request = SetParametersAtomically.Request(parameters=[parameter])
+            self._parameters.call(request, time.monotonic(), on_answer)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        mode = diagnostic_values(message, self._name).get("mode")
+        if mode is None:
+            return
+        was_on, self.is_on = self.is_on, mode != "off"
+        if self.is_on != was_on:
+            self._changed(self.is_on)
