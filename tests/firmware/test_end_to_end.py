@@ -1,0 +1,284 @@
+"""From a topic, or a key, to pulse widths: bridge process, pseudo-terminal, firmware in the emulator."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from bridge.conftest import Client, Process, Stream
+from terminal_session import REPOSITORY, TerminalSession
+
+from servo_bridge.codec import byte_to_angle
+from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.frames import byte_to_width
+from softsim_core.scene.description import ServoCalibration
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator", "ros_domain")]
+
+TOLERANCE_US = 1.5
+SLEW_US = 61.5  # the firmware's limit, a frame
+REST = (150, 150, 150)
+SERVO = ServoCalibration(joint="servo_0", zero_byte=179, byte_min=60, byte_max=180, rest_byte=150)
+WIDE = """extends: tripod.yaml
+joints:
+  - {name: servo_0, limits: &all {lower: -2.1, upper: 0.02, speed: 20.0, acceleration: 1000.0}}
+  - {name: servo_1, limits: *all}
+  - {name: servo_2, limits: *all}
+"""
+
+
+@pytest.fixture
+def far_end(tmp_path: Path) -> Iterator[EmulatedBoardPty]:
+    with EmulatedBoardPty(link=tmp_path / "board") as board:
+        yield board
+
+
+@pytest.fixture
+def client(ros_domain: int) -> Iterator[Client]:
+    made = Client(ros_domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def bridge(tmp_path: Path, far_end: EmulatedBoardPty, ros_domain: int) -> Iterator[Callable[..., Process]]:
+    """Starts the bridge on the emulated board, sending at once; keywords are parameters."""
+    started: list[Process] = []
+
+    def start(**parameters: object) -> Process:
+        values = {"port": far_end.port, "source": "commands", "autostart": "activate"} | parameters
+        arguments = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+        ros = ("--ros-args", "-r", "__ns:=/tripod")
+        started.append(Process("servo_bridge.bridge_node", tmp_path, len(started), *ros, *arguments))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.process.poll() is None:
+            try:
+                assert process.end() == 0, process.output
+            finally:
+                process.process.kill()
+        assert "Traceback" not in process.output, process.output
+
+
+@pytest.fixture
+def stream() -> Iterator[Callable[[Any, Any], Stream]]:
+    running: list[Stream] = []
+
+    def start(publisher: Any, message: Any) -> Stream:
+        running.append(Stream(publisher, message))
+        return running[-1]
+
+    yield start
+    for each in running:
+        each.stop()
+
+
+def angles(*servo_bytes: float) -> list[float]:
+    return [byte_to_angle(int(each), SERVO) for each in servo_bytes]
+
+
+def commands(*servo_bytes: int) -> Any:
+    from std_msgs.msg import Float64MultiArray
+
+    return Float64MultiArray(data=angles(*servo_bytes))
+
+
+def at(*servo_bytes: float) -> Callable[[EmulatedBoardPty], bool]:
+    """Whether the newest pulses are those of the bytes."""
+    wanted = [byte_to_width(each) for each in servo_bytes]
+
+    def reached(board: EmulatedBoardPty) -> bool:
+        widths = board.widths_us()
+        return widths is not None and all(
+            abs(seen - each) < TOLERANCE_US for seen, each in zip(widths, wanted, strict=True)
+        )
+
+    return reached
+
+
+def fastest_step_us(board: EmulatedBoardPty) -> float:
+    """Largest change of a width from one pulse of a pin to the next."""
+    pulses = board.pulses
+    steps = [
+        abs(later.width_us - earlier.width_us)
+        for channel in range(3)
+        for earlier, later in pairwise(each for each in pulses if each.channel == channel)
+    ]
+    return max(steps, default=0.0)
+
+
+def test_plain_commands_reach_every_width_on_every_pin(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+    tmp_path: Path,
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    robot = tmp_path / "wide.yaml"
+    robot.write_text(WIDE.replace("tripod.yaml", str(REPOSITORY / "configs" / "robots" / "tripod.yaml")))
+    bridge(robot=robot)
+    publisher = client.publisher(Float64MultiArray, "position_controller/commands")
+    sent = stream(publisher, commands(60, 100, 140))
+    for first in range(60, 181):
+        pose = (first, 60 + (first - 60 + 40) % 121, 60 + (first - 60 + 80) % 121)
+        sent.message = commands(*pose)
+        assert far_end.wait_for(at(*pose)), f"{pose}: {far_end.widths_us()}"
+    assert far_end.open_count == 1
+    assert fastest_step_us(far_end) <= SLEW_US + 1.0
+
+
+def test_mirrored_joint_states_reach_the_pins(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    bridge(source="joint_states")
+    publisher = client.publisher(JointState, "joint_states")
+    names = ["servo_2", "somebody_else", "servo_0", "servo_1"]  # by name, in whatever order
+    one, two, three = angles(90, 120, 165)
+    stream(publisher, JointState(name=names, position=[three, 0.3, one, two]))
+    assert far_end.wait_for(at(90, 120, 165)), far_end.widths_us()
+
+
+def test_nothing_is_written_while_a_board_may_be_starting(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    far_end.kill()  # a board that never speaks, as the tutorial's firmware does not
+    bridge()
+    stream(client.publisher(Float64MultiArray, "position_controller/commands"), commands(90, 120, 165))
+    assert far_end.wait_for(lambda board: board.open_count == 1)
+    assert not far_end.wait_for(lambda board: board.received > 0, 2.2)
+    assert far_end.wait_for(lambda board: board.received > 0)  # then it counts as a plain board
+
+
+def test_a_killed_bridge_leaves_a_robot_that_holds_and_then_rests(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    process = bridge()
+    publisher = client.publisher(Float64MultiArray, "position_controller/commands")
+    stream(publisher, commands(90, 110, 120))
+    assert far_end.wait_for(at(90, 110, 120))
+    held = far_end.widths_us()
+    far_end.clear()
+    process.end(signal.SIGKILL)
+    killed = far_end.time_s
+    assert far_end.wait_for(at(*REST))
+    arrived = far_end.time_s
+    assert held is not None
+    pulses = far_end.pulses
+    for channel in range(3):
+        mine = [each for each in pulses if each.channel == channel]
+        still = [each for each in mine if each.start_s < killed + 1.9]
+        assert all(abs(each.width_us - held[channel]) < 1.0 for each in still)
+        creep = [abs(later.width_us - earlier.width_us) for earlier, later in pairwise(mine)]
+        assert max(creep) < 12.0  # 10 us a frame: 48 degrees a second
+    assert 2.0 < arrived - killed < 5.0
+
+
+def test_a_second_opener_is_refused_and_disturbs_nothing(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    bridge()
+    publisher = client.publisher(Float64MultiArray, "position_controller/commands")
+    stream(publisher, commands(90, 120, 165))
+    assert far_end.wait_for(at(90, 120, 165))
+    far_end.clear()
+    second = bridge(source="joint_states")
+    assert second.says("in use by another program"), second.output
+    assert far_end.wait_for(at(90, 120, 165))
+    assert fastest_step_us(far_end) < 1.0
+
+
+@pytest.mark.parametrize("phase", ["boot window", "ramp", "streaming"])
+def test_unplugged_at_any_time_it_comes_back_slowly(
+    bridge: Callable[..., Process],
+    far_end: EmulatedBoardPty,
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+    phase: str,
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    process = bridge()
+    publisher = client.publisher(Float64MultiArray, "position_controller/commands")
+    stream(publisher, commands(90, 120, 165))
+    reached = {
+        "boot window": lambda board: board.open_count == 1,
+        "ramp": lambda board: (board.widths_us() or (9999.0,))[0] < byte_to_width(140),
+        "streaming": at(90, 120, 165),
+    }[phase]
+    assert far_end.wait_for(reached)
+    far_end.unplug()
+    far_end.clear()
+    far_end.replug()  # a new port behind the same link
+    assert far_end.wait_for(at(90, 120, 165), 15.0), f"{far_end.widths_us()} {process.output}"
+    assert fastest_step_us(far_end) <= SLEW_US + 1.0
+
+
+def test_a_typed_key_becomes_a_pulse(far_end: EmulatedBoardPty, tmp_path: Path) -> None:
+    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", far_end.port]
+    with TerminalSession(up, environment={"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
+        assert terminal.wait_until(lambda: "no-comm" in terminal.screen), terminal.text
+        assert far_end.widths_us() is None  # no pulse before key B
+        terminal.type(b"a")
+        terminal.wait_for("start pose")
+        terminal.type(b"b")
+        start = 179 - 85.743  # the key's angle is between two bytes: 93 in a packet, exact in a frame
+        assert far_end.wait_for(near(93, start)), f"{far_end.widths_us()} {terminal.screen}"
+        terminal.type(b"q")
+        assert far_end.wait_for(near(119, 179 - 59.970)), f"{far_end.widths_us()} {terminal.screen}"
+        terminal.type(b"x")
+        assert terminal.wait() == 0
+        assert at(*REST)(far_end), far_end.widths_us()
+
+
+def near(whole: int, exact: float) -> Callable[[EmulatedBoardPty], bool]:
+    """Whether all three pins show a whole byte's width, or the exact angle's."""
+    return lambda board: at(whole, whole, whole)(board) or at(exact, exact, exact)(board)
+
+
+def test_the_emulated_board_of_softsim_up_shows_its_pulses(tmp_path: Path) -> None:
+    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", "emulated", "--headless"]
+    with TerminalSession(
+        [*up, "--send"], environment={"XDG_RUNTIME_DIR": str(tmp_path)}, size=(160, 24)
+    ) as terminal:
+        terminal.wait_for("bridge active", "text")
+        shown = re.compile(
+            r"pulses 23\d\d 23\d\d 23\d\d µs"
+        )  # the simulator stands at 0 rad, the servos near it
+        assert terminal.wait_until(lambda: bool(shown.search(terminal.text))), terminal.text
+        terminal.signal(signal.SIGINT)
+        assert terminal.wait() == 0, terminal.text
+        assert "pulses none yet" in terminal.text
+        assert "Traceback" not in terminal.text
