@@ -25,13 +25,16 @@
 #define TICKS_PER_US 2u
 #define FRAME_TICKS (20000u * TICKS_PER_US)
 #define SLOT_TICKS (3000u * TICKS_PER_US)   /* the three pulses of a frame start 3 ms apart */
-#define LATCH_TICKS (19000u * TICKS_PER_US) /* in a frame: when the widths of the next one are taken over */
+#define MOVE_TICKS (17000u * TICKS_PER_US)  /* in a frame: when main is asked for the widths of the next one */
+#define LATCH_TICKS (19000u * TICKS_PER_US) /* in a frame: when they are taken over */
 #define EARLY_TICKS (12u * TICKS_PER_US)
+#define MARGIN_TICKS 8
 
 /* Servo pulses. An angle byte a is 544 + a * 1856 / 180 us, as in the usual servo libraries. */
 #define SERVOS 3u
 #define WIDTH_MIN_US 544u
 #define WIDTH_MAX_US 2400u
+#define LATCH_PHASE (2 * SERVOS + 1) /* of the timer interrupt: two edges a servo, move, latch */
 #define SPAN_US (WIDTH_MAX_US - WIDTH_MIN_US)
 #define ANGLE_MIN 60u
 #define ANGLE_MAX 180u
@@ -69,7 +72,7 @@ static volatile uint16_t next_width[SERVOS]; /* in ticks, taken over once a fram
 static volatile uint8_t next_active;         /* whether the next frame has pulses */
 static volatile uint16_t frame_start;        /* Timer1 at the start of the running frame */
 static volatile uint32_t frame_ticks;        /* frame_start without the wrap at 2^16 */
-static volatile uint8_t frame_ended;         /* set once a frame after its last pulse; main clears it */
+static volatile uint8_t move_due;            /* set once a frame, after its last pulse; main clears it */
 static volatile uint8_t frames_unfed;        /* frames since main last fed the watchdog */
 
 #define RX_SIZE 64u
@@ -90,7 +93,7 @@ ISR(TIMER1_COMPA_vect)
 {
     static uint16_t width[SERVOS];
     static uint16_t edge; /* the tick of this edge */
-    static uint8_t active, phase;
+    static uint8_t active, phase = LATCH_PHASE;
     uint8_t port = 0;
 
     if (phase < 2 * SERVOS && !(phase & 1) && active)
@@ -107,9 +110,10 @@ ISR(TIMER1_COMPA_vect)
     case 2: edge = frame_start + SLOT_TICKS + width[1]; break;
     case 3: edge = frame_start + 2 * SLOT_TICKS; break;
     case 4: edge = frame_start + 2 * SLOT_TICKS + width[2]; break;
-    case 5:
+    case 5: edge = frame_start + MOVE_TICKS; break;
+    case 6:
         edge = frame_start + LATCH_TICKS;
-        frame_ended = 1;
+        move_due = 1;
         if (++frames_unfed > STUCK_FRAMES) {
             stuck_mark = MAGIC;
             stuck_mark_inverse = (uint16_t)~MAGIC;
@@ -124,8 +128,10 @@ ISR(TIMER1_COMPA_vect)
         edge = frame_start;
         break;
     }
-    phase = phase < 2 * SERVOS ? phase + 1 : 0;
+    phase = phase < LATCH_PHASE ? phase + 1 : 0;
     OCR1A = edge - EARLY_TICKS;
+    if ((int16_t)(OCR1A - TCNT1) < MARGIN_TICKS) /* a moment already gone would come again only after 33 ms */
+        OCR1A = TCNT1 + MARGIN_TICKS;
 }
 
 /* Ticks from some moment on, modulo 2^32 (36 minutes): for differences. */
@@ -529,7 +535,7 @@ static void start(void)
     TCCR1A = 0;
     TCCR1B = 1 << CS11; /* divided by 8: 0.5 us a tick */
     OCR1A = TCNT1 + 1000;
-    frame_start = OCR1A;
+    frame_start = OCR1A - LATCH_TICKS; /* the first interrupt latches */
     TIFR1 = 1 << OCF1A;
     TIMSK1 = 1 << OCIE1A;
 
@@ -544,9 +550,9 @@ static void start(void)
 }
 
 /* Once a frame, after its last pulse: feed the watchdog, so that it also guards the timer interrupt. */
-static void end_frame(void)
+static void serve_frame(void)
 {
-    frame_ended = 0;
+    move_due = 0;
 #ifndef NO_WDT
     wdt_reset();
 #endif
@@ -574,11 +580,11 @@ int main(void)
             uint8_t byte = rx_ring[rx_tail];
             rx_tail = (rx_tail + 1) & (RX_SIZE - 1);
             parse(byte);
-            if (frame_ended)
+            if (move_due)
                 break; /* a saturated line must not keep the frame waiting */
         }
-        if (frame_ended)
-            end_frame();
+        if (move_due)
+            serve_frame();
 #ifndef LEGACY_ONLY
         if (telemetry_wanted) {
             telemetry_wanted = 0;
@@ -586,7 +592,7 @@ int main(void)
         }
 #endif
         cli();
-        if (rx_tail == rx_head && !frame_ended) {
+        if (rx_tail == rx_head && !move_due) {
             sleep_enable();
             sei(); /* the instruction after sei runs before any interrupt: no wake-up is lost */
             sleep_cpu();

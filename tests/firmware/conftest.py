@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from servo_bridge.emulator import EmulatedBoard, why_missing
+
+sys.path.append(str(Path(__file__).parent))  # tests may import `firmware_line`
 
 
 @pytest.fixture(scope="session")
@@ -37,5 +40,7 @@ def make_board(emulator: None) -> Iterator[Callable[..., EmulatedBoard]]:
 
 @pytest.fixture
 def board(make_board: Callable[..., EmulatedBoard]) -> EmulatedBoard:
-    """A board with the committed firmware, just powered on."""
-    return make_board()
+    """A board with the committed firmware, powered on 10 ms ago."""
+    board = make_board()
+    board.run(0.01)  # a byte that comes before the firmware has set up its serial line is lost
+    return board
