@@ -17,32 +17,37 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from servo_bridge import parameters
+from servo_bridge.ascii_codec import TiltReading
+from servo_bridge.calibration_file import calibrated_robot, file_for
 from servo_bridge.diagnostics import bridge_status
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
+from servo_bridge.imu import imu_message
 from servo_bridge.lifecycle import GuardedLifecycleNode
-from servo_bridge.ports import find_port
+from servo_bridge.ports import find_again, stable_name
 from servo_bridge.process import run_node
 from servo_bridge.recovery import Recovery
+from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.description import SceneDescription
 
 SUPERVISION_PERIOD_S = 0.1
 REFUSAL_LOG_PERIOD_S = 2.0
+RETRY_JITTER = 0.2
 
 
 class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
     Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
-    was really sent, one message a packet), `/diagnostics` at 1 Hz. Services: the lifecycle ones, `~/e_stop`,
-    `~/clear_e_stop`.
+    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz. Packets
+    leave from a thread of their own, at a fixed rate whatever the executor is busy with. Services: the
+    lifecycle ones, `~/e_stop`, `~/clear_e_stop`.
 
     Args:
         scene: Robot already loaded; None loads the parameter `robot` at configure.
@@ -63,8 +68,12 @@ class ServoBridge(GuardedLifecycleNode):
         self._closed = False
         self._trouble = ""
         self._reconnects = 0
-        self._recovery = Recovery()
-        self._send_timer: Timer | None = None
+        self._recovery = Recovery(RETRY_JITTER)
+        self._writer: PeriodicThread | None = None
+        self._lost: PortError | None = None  # told by the writer, handled by the executor
+        self._stable_port = ""  # the open port under a name that outlives a new number
+        self._calibration = ""
+        self._imu_frame = ""
         self._source_subscription: Subscription | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._applied: Publisher = self.create_publisher(
@@ -73,6 +82,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._diagnostics: Publisher = self.create_publisher(
             DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
         )
+        self._imu: Publisher = self.create_publisher(Imu, "imu", QoSProfile(depth=10))
         self.create_service(Trigger, "~/e_stop", self._on_e_stop)
         self.create_service(Trigger, "~/clear_e_stop", self._on_clear_e_stop)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -97,13 +107,14 @@ class ServoBridge(GuardedLifecycleNode):
         """Begin to send from the last known pose; refused without a port and while the e-stop is latched."""
         with self._lock:
             refusal = self._activation_refusal()
-            if refusal or self._driver is None or self._send_timer is None:
+            if refusal or self._driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
             self._driver.start()
             self._sending = True
             self._trouble = ""
-            self._send_timer.reset()
+            self._lost = None
+            self._writer = PeriodicThread(self._tick, self._driver.period)
         self.get_logger().info(f"sending to {self._driver.port} at {1.0 / self._driver.period:g} Hz")
         return super().on_activate(state)
 
@@ -134,10 +145,13 @@ class ServoBridge(GuardedLifecycleNode):
     def close(self) -> None:
         """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
         with self._lock:
+            writer = self._writer
             if not self._closed:
                 self._closed = True
                 self._recovery.give_up()
                 self._disconnect()
+        if writer is not None:
+            writer.join()
 
     def destroy_node(self) -> None:
         """Close, then destroy the node."""
@@ -146,13 +160,20 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _configure(self) -> None:
         settings = parameters.read(self)
+        robot = self._load_robot(settings.robot)
+        calibration = file_for(settings.calibration, robot.name)
         driver = ServoDriver(
-            self._load_robot(settings.robot),
+            robot if calibration is None else calibrated_robot(robot, calibration),
             settings=settings.motion,
             rate=settings.rate or None,
             avoid_byte_100=settings.avoid_byte_100,
+            protocol=settings.protocol,
+            baud_rate=settings.baud_rate or None,
+            on_tilt=self._on_tilt,
         )
-        driver.connect(find_port(settings.port), settings.open_wait_s)
+        self._imu_frame = settings.imu_frame or f"{robot.name}_effector"
+        self._open(driver, settings)
+        self._calibration = "" if calibration is None else str(calibration)
         if self._driver is not None and self._driver.servo_joints == driver.servo_joints:
             driver.motion.resume_from(self._driver.motion.positions)
         if self._e_stopped:
@@ -167,10 +188,16 @@ class ServoBridge(GuardedLifecycleNode):
             self._source_subscription = self.create_subscription(
                 JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1)
             )
-        self._send_timer = self.create_timer(driver.period, self._tick, clock=self._steady)
-        self._send_timer.cancel()
         self._trouble = ""
-        self.get_logger().info(f"port {driver.port} open, source {settings.source}; activate to send")
+        self.get_logger().info(
+            f"port {driver.port} open, source {settings.source}, calibration {self._calibration or 'none'};"
+            " activate to send"
+        )
+
+    def _open(self, driver: ServoDriver, settings: parameters.BridgeSettings) -> None:
+        """Open the port, under its new number where it was lost under another one."""
+        driver.connect(find_again(settings.port, self._stable_port), settings.open_wait_s)
+        self._stable_port = stable_name(driver.port)
 
     def _load_robot(self, name: str) -> SceneDescription:
         if self._scene is not None:
@@ -188,10 +215,11 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _stop_sending(self) -> None:
         with self._lock:
-            if not self._sending or self._driver is None or self._send_timer is None:
+            if not self._sending or self._driver is None:
                 return
             self._sending = False
-            self._send_timer.cancel()
+            if self._writer is not None:
+                self._writer.stop()  # its last call finds that nothing is sent any more
             if self._driver.connected:
                 self._driver.settle(parameters.read(self).settle_timeout, self._publish_applied)
 
@@ -199,16 +227,14 @@ class ServoBridge(GuardedLifecycleNode):
         with self._lock:
             self._stop_sending()
             if self._driver is not None:
-                self._driver.disconnect()
+                self._driver.disconnect(relax=parameters.read(self).relax_at_end)
             if not self._closed:
                 self._release_topics()
 
     def _release_topics(self) -> None:
         if self._source_subscription is not None:
             self.destroy_subscription(self._source_subscription)
-        if self._send_timer is not None:
-            self.destroy_timer(self._send_timer)
-        self._source_subscription = self._send_timer = None
+        self._source_subscription = None
 
     # Commands
 
@@ -260,7 +286,9 @@ class ServoBridge(GuardedLifecycleNode):
             try:
                 sent = self._driver.tick()
             except PortError as error:
-                self._lose_port(error)
+                self._lost = error
+                if self._writer is not None:
+                    self._writer.stop()
                 return
         if sent is not None:
             self._publish_applied()
@@ -269,6 +297,8 @@ class ServoBridge(GuardedLifecycleNode):
         with self._lock:
             if self._closed:
                 return
+            if self._lost is not None:
+                self._lose_port(self._lost)
             now = time.monotonic()
             if self._recovery.due(now):
                 if self._pursue():
@@ -283,7 +313,7 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _lose_port(self, error: PortError) -> None:
         """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
-        was_sending = self._sending
+        was_sending, self._lost = self._sending, None
         if self._driver is not None:
             self._driver.disconnect()
         self._report(f"{error}; the bridge tries to open it again")
@@ -300,7 +330,7 @@ class ServoBridge(GuardedLifecycleNode):
         elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
             settings = parameters.read(self)
             try:
-                self._driver.connect(find_port(settings.port), settings.open_wait_s)
+                self._open(self._driver, settings)
             except PortError as error:
                 self._report(str(error))
                 return False
@@ -328,7 +358,20 @@ class ServoBridge(GuardedLifecycleNode):
         message = JointState(name=list(self._driver.servo_joints))
         message.header.stamp = self.get_clock().now().to_msg()
         message.position = array("d", self._driver.applied_angles())
-        self._applied.publish(message)
+        self._publish(self._applied, message)
+
+    def _on_tilt(self, reading: TiltReading) -> None:
+        """A reading of the board's IMU, in the reading thread."""
+        stamp = self.get_clock().now().to_msg()
+        self._publish(self._imu, imu_message(reading, self._imu_frame, stamp))
+
+    def _publish(self, publisher: Publisher, message: Any) -> None:
+        try:
+            if self.context.ok():
+                publisher.publish(message)
+        except Exception:
+            if self.context.ok():  # else the context went down under the call, at a signal: no fault
+                raise
 
     def _publish_diagnostics(self) -> None:
         with self._lock:
@@ -341,10 +384,12 @@ class ServoBridge(GuardedLifecycleNode):
                 e_stopped=self._e_stopped,
                 trouble=self._trouble,
                 reconnects=self._reconnects,
+                calibration=self._calibration,
+                period=self._writer.figures() if self._writer is not None and self._sending else None,
             )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._publish(self._diagnostics, message)
 
     # Parameters
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from servo_bridge.errors import PacketError
+from servo_bridge.frames import byte_to_width, width_to_byte
 from softsim_core.errors import CommandError
 from softsim_core.scene.description import ServoCalibration
 
@@ -70,6 +71,31 @@ def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
             break
         angle += servo.sign * _ANGLE_STEP
     return angle
+
+
+def angle_to_width(angle_rad: float, servo: ServoCalibration) -> int:
+    """Pulse width in whole [us] of a joint angle in [rad], clipped to the servo's range; finer than a byte.
+
+    At the nominal angle of a byte it is that byte's width, `frames.byte_to_width`.
+
+    Raises:
+        CommandError: the angle is not a finite number.
+    """
+    angle_to_byte(angle_rad, servo)  # refuses what is not finite
+    lowest, highest = servo.byte_min - servo.zero_byte, servo.byte_max - servo.zero_byte
+    return round(
+        byte_to_width(min(max(_degrees_on_servo(angle_rad, servo), lowest), highest) + servo.zero_byte)
+    )
+
+
+def width_to_angle(width_us: float, servo: ServoCalibration) -> float:
+    """Joint angle in [rad] at a pulse width in [us]."""
+    return servo.sign * math.radians(width_to_byte(width_us) - servo.zero_byte - servo.trim_deg)
+
+
+def width_limits(servo: ServoCalibration) -> tuple[int, int]:
+    """Smallest and largest pulse width in [us] that `angle_to_width` gives."""
+    return round(byte_to_width(servo.byte_min)), round(byte_to_width(servo.byte_max))
 
 
 def encode_packet(

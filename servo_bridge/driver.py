@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from servo_bridge import codec
+from servo_bridge import codec, frames, outgoing
+from servo_bridge.ascii_codec import ASCII_BAUD_RATE, TiltReading
 from servo_bridge.errors import PortError
+from servo_bridge.link import BoardLink, LinkState, ProtocolChoice, Reader
 from servo_bridge.safety import MotionSettings, ServoMotion, servo_limits
 from servo_bridge.transport import SerialTransport
 from softsim_core.actuation.limits import check_command
@@ -28,12 +31,14 @@ class DriverCounts:
         refused: Commands refused as a whole.
         last_refusal: Sentence of the newest refusal.
         avoided: Packets in which a byte 100 was replaced.
+        restarts: Times that a board of the extended protocol was met, or met again after a reset.
     """
 
     packets: int = 0
     refused: int = 0
     last_refusal: str = ""
     avoided: int = 0
+    restarts: int = 0
 
 
 class ServoDriver:
@@ -44,6 +49,9 @@ class ServoDriver:
         settings: Timing of hold and rest.
         rate: Packets a second in [Hz]; None takes the board's.
         avoid_byte_100: Send 101 for 100; see `codec.avoid_byte_100`.
+        protocol: What the board speaks; auto finds out, see `link`.
+        baud_rate: Bits a second; None takes the protocol's: 57600 for ascii_imu, else the board's.
+        on_tilt: Called with every reading of a board's IMU, in the reading thread.
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only on the way to rest.
 
@@ -58,6 +66,9 @@ class ServoDriver:
         settings: MotionSettings | None = None,
         rate: float | None = None,
         avoid_byte_100: bool = True,
+        protocol: ProtocolChoice = "auto",
+        baud_rate: int | None = None,
+        on_tilt: Callable[[TiltReading], None] = lambda reading: None,
         clock: Callable[[], float] = time.monotonic,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -66,6 +77,8 @@ class ServoDriver:
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
         self.board, self.servos = robot.board, robot.board.servos
+        self.protocol, self.on_tilt = _usable(protocol, robot), on_tilt
+        self.baud_rate = baud_rate or (ASCII_BAUD_RATE if protocol == "ascii_imu" else self.board.baud_rate)
         self.joint_names = robot.joint_names
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         joints = {joint.name: joint for joint in robot.joints}
@@ -84,8 +97,11 @@ class ServoDriver:
         self.sent_bytes: tuple[int, ...] | None = None
         self._clock, self._wait = clock, wait
         self._order = [self.joint_names.index(name) for name in self.servo_joints]
+        self.link: BoardLink | None = None
         self._transport: SerialTransport | None = None
-        self._write_from = 0.0
+        self._reader: Reader | None = None
+        self._seq = 0
+        self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
         self._board_moved = False  # since the port was opened
 
     @property
@@ -101,7 +117,22 @@ class ServoDriver:
     @property
     def waiting(self) -> bool:
         """Whether the board is still given its quiet time after the port was opened."""
-        return self._clock() < self._write_from
+        return self.link_state == "waiting"
+
+    @property
+    def link_state(self) -> LinkState | None:
+        """The protocol found, or that it is too early to say; None without a port."""
+        return None if self.link is None else self.link.state(self._clock())
+
+    @property
+    def telemetry_age(self) -> float | None:
+        """Time in [s] since the board's newest frame; None before the first."""
+        return None if self.link is None else self.link.telemetry_age(self._clock())
+
+    @property
+    def tilt_age(self) -> float | None:
+        """Time in [s] since the newest reading of the board's IMU; None before the first."""
+        return None if self.link is None else self.link.tilt_age(self._clock())
 
     @property
     def command_age(self) -> float | None:
@@ -118,21 +149,40 @@ class ServoDriver:
         )
 
     def connect(self, port: str, quiet_s: float = 0.0) -> None:
-        """Open the port; nothing is written for `quiet_s` seconds, while the board starts.
+        """Open the port and listen; nothing is written until the board spoke, or for `quiet_s` seconds.
 
         Raises:
             PortError: it cannot be opened.
         """
         self.disconnect()
-        self._transport = SerialTransport(port, self.board.baud_rate)
-        self._write_from = self._clock() + quiet_s
+        self._transport = SerialTransport(port, self.baud_rate)
+        self.link = BoardLink(port, self.protocol, quiet_s, self._clock())
+        self._reader = Reader(self._transport, self.link, self._clock, self.on_tilt)
         self._board_moved = False
 
-    def disconnect(self) -> None:
-        """Close the port, if one is open; the last pose sent stays known."""
+    def disconnect(self, *, relax: bool = False) -> None:
+        """Close the port, if one is open; the last pose sent stays known.
+
+        Args:
+            relax: Switch the pulses off first, where the board can and its servos were left at rest.
+        """
+        if relax:
+            self._relax()
+        reader, self._reader = self._reader, None
         transport, self._transport = self._transport, None
+        if reader is not None:
+            reader.stop()
         if transport is not None:
             transport.close()
+        self.link = None
+
+    def _relax(self) -> None:
+        if self._transport is None or not self._board_moved or self.link_state != "extended":
+            return
+        if self.motion.e_stopped or not self.motion.at_rest:
+            return  # an e-stop holds
+        with contextlib.suppress(PortError):
+            self._transport.write(frames.relax(self._next_seq()))
 
     def start(self) -> None:
         """Begin to move from the last pose sent (at first the rest pose); earlier commands do not count."""
@@ -181,13 +231,13 @@ class ServoDriver:
         return self._send(self.motion.step)
 
     def listen(self) -> None:
-        """Drop what the board said; also the way to notice, without writing, that the port has vanished.
+        """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
 
         Raises:
-            PortError: the port vanished.
+            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
         """
-        if self._transport is not None:
-            self._transport.discard_input()
+        if self.link is not None:
+            self.link.check(self._clock())
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
         """Go to the rest pose at the limits' speed and end with rest packets; blocks until then.
@@ -220,35 +270,89 @@ class ServoDriver:
         return True
 
     def _send(self, step: Callable[[float], tuple[float, ...]]) -> tuple[int, ...] | None:
-        if self._transport is None:
+        if self._transport is None or self.link is None:
             raise PortError("", "no port is open; configure the bridge first")
-        self._transport.discard_input()
         now = self._clock()
-        if now < self._write_from:
+        self.link.check(now)
+        state = self.link.state(now)
+        if state == "waiting":
             self.motion.start(now)
             return None
+        if state == "extended" and self.link.take_restart():
+            self._greet(now)
+            return None
         before = self.motion.positions
-        packet = codec.encode_packet(step(now), self.servos, self.board.header)
+        packet = self._encode(step(now), state)
         try:
-            if self.avoid_byte_100:
-                safe = codec.avoid_byte_100(packet, self.servos)
-                self.counts.avoided += safe != packet
-                packet = safe
-            self._transport.write(packet)
+            self._transport.write(packet.data)
         except PortError:
             self.motion.positions = before
             raise
         self._board_moved = True
         self.counts.packets += 1
-        self.sent_bytes = tuple(packet[1:])
+        self.counts.avoided += packet.avoided
+        if state == "extended":
+            self.link.sent(self._seq)
+            if self.motion.e_stopped:
+                return self.sent_bytes  # what was sent says "hold", and no pose
+        self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
         return self.sent_bytes
 
+    def _encode(self, positions: Sequence[float], state: LinkState) -> outgoing.Outgoing:
+        if state == "extended":
+            seq = self._next_seq()
+            pose = outgoing.extended(positions, self.servos, seq)
+            return replace(pose, data=frames.hold(seq)) if self.motion.e_stopped else pose
+        if state == "ascii_imu":
+            return outgoing.ascii_line(positions, self.servos)
+        return outgoing.legacy(positions, self.servos, self.board.header, self.avoid_byte_100)
+
+    def _greet(self, now: float) -> None:
+        """A board has (re)started: begin with its pose where it has one, and tell it the servos' ranges."""
+        assert self._transport is not None
+        assert self.link is not None
+        self.counts.restarts += 1
+        telemetry = self.link.telemetry
+        if telemetry is not None and frames.BoardFlags.ACTIVE in telemetry.flags:
+            widths = telemetry.widths_us[: len(self.servos)]
+            self.motion.resume_from(
+                [codec.width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True)]
+            )
+        self.motion.start(now)
+        limits = [codec.width_limits(servo) for servo in self.servos]
+        seq = self._next_seq()
+        self._transport.write(frames.set_limits(seq, limits))
+        self.link.sent(seq)
+
+    def _next_seq(self) -> int:
+        self._seq = (self._seq + 1) % frames.SEQUENCES
+        return self._seq
+
     def applied_angles(self) -> tuple[float, ...]:
-        """Nominal joint angles in [rad] of the bytes last sent, in servo order; NaN before the first."""
-        if self.sent_bytes is None:
-            return (math.nan,) * len(self.servos)
-        return codec.bytes_to_angles(self.sent_bytes, self.servos)
+        """Nominal joint angles in [rad] of what was last sent, in servo order; NaN before the first."""
+        return self._applied
 
     def _refuse(self, error: CommandError) -> None:
         self.counts.refused += 1
         self.counts.last_refusal = str(error)
+
+
+def _usable(protocol: ProtocolChoice, robot: SceneDescription) -> ProtocolChoice:
+    """The protocol, where the robot's servos fit it; auto is legacy for any other number than three."""
+    assert robot.board is not None
+    servos = robot.board.servos
+    if len(servos) != frames.SERVOS:
+        if protocol == "extended":
+            raise SceneError(
+                f"robot {robot.name} has {len(servos)} servos, the extended protocol {frames.SERVOS};"
+                " set the parameter protocol to legacy"
+            )
+        return "legacy" if protocol == "auto" else protocol
+    if protocol == "ascii_imu":
+        for servo in servos:
+            if servo.byte_min < codec.BYTE_LOW or servo.byte_max > codec.BYTE_HIGH:
+                raise SceneError(
+                    f"servo {servo.joint}: the text protocol allows bytes"
+                    f" {codec.BYTE_LOW}..{codec.BYTE_HIGH}, not {servo.byte_min}..{servo.byte_max}"
+                )
+    return protocol

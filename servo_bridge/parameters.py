@@ -5,17 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from servo_bridge.link import ProtocolChoice
 from servo_bridge.safety import MotionSettings
 from softsim_core.errors import ConfigError, SoftSimError, listing
 
 Source = Literal["joint_states", "commands"]
 Autostart = Literal["none", "configure", "activate"]
 
-FIXED_WHILE_CONFIGURED = ("robot", "port", "source", "rate", "open_wait_s")
+FIXED_WHILE_CONFIGURED = (
+    "robot",
+    "port",
+    "source",
+    "rate",
+    "open_wait_s",
+    "protocol",
+    "baud_rate",
+    "calibration",
+)
 """Parameters that take effect at the next configure and are refused while the node is configured."""
 
 
@@ -26,6 +36,11 @@ class BridgeSettings:
     robot: str
     port: str
     source: Source
+    protocol: ProtocolChoice
+    baud_rate: int
+    calibration: str
+    relax_at_end: bool
+    imu_frame: str
     autostart: Autostart
     rate: float
     open_wait_s: float
@@ -84,6 +99,28 @@ def declare(node: Node) -> None:
         allowed=listing(get_args(Autostart)),
         read_only=True,
     )
+    text(
+        "protocol",
+        "auto",
+        "What the board speaks: auto (extended after its banner, else legacy), legacy, extended, or ascii_imu"
+        " (text with an IMU).",
+        allowed=listing(get_args(ProtocolChoice)),
+    )
+    node.declare_parameter(
+        "baud_rate",
+        0,
+        ParameterDescriptor(
+            description="Bits a second; 0: 57600 for ascii_imu, else the board's own from the robot's file.",
+            integer_range=[IntegerRange(from_value=0, to_value=2_000_000, step=1)],
+        ),
+    )
+    text(
+        "calibration",
+        "auto",
+        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
+        " configuration, where it exists; empty: none.",
+    )
+    text("imu_frame", "", "Frame of the topic imu; empty: <robot>_effector.")
     number("rate", 0.0, 0.0, 200.0, "Packets a second in [Hz]; 0: the board's own from the robot's file.")
     number("open_wait_s", 2.5, 0.0, 60.0, "Quiet time in [s] after opening: most boards reset when opened.")
     number(
@@ -110,6 +147,14 @@ def declare(node: Node) -> None:
             " 100 makes the boot loader erase the firmware."
         ),
     )
+    node.declare_parameter(
+        "relax_at_end",
+        True,
+        ParameterDescriptor(
+            description="Switch the pulses off when the port is closed with the servos at rest, where the"
+            " board can (extended protocol)."
+        ),
+    )
 
 
 def read(node: Node) -> BridgeSettings:
@@ -134,6 +179,11 @@ def read(node: Node) -> BridgeSettings:
         robot=str(node.get_parameter("robot").value),
         port=str(node.get_parameter("port").value),
         source=cast(Source, word("source", get_args(Source))),
+        protocol=cast(ProtocolChoice, word("protocol", get_args(ProtocolChoice))),
+        baud_rate=int(node.get_parameter("baud_rate").value),
+        calibration=str(node.get_parameter("calibration").value),
+        relax_at_end=bool(node.get_parameter("relax_at_end").value),
+        imu_frame=str(node.get_parameter("imu_frame").value),
         autostart=cast(Autostart, word("autostart", get_args(Autostart))),
         rate=number("rate"),
         open_wait_s=number("open_wait_s"),
@@ -152,6 +202,7 @@ def refusal(changes: list[Parameter], configured: bool) -> str:
     for change in changes:
         if configured and change.name in FIXED_WHILE_CONFIGURED:
             return f"{change.name} is fixed while the bridge is configured; call its lifecycle cleanup first"
-        if change.name == "source" and change.value not in get_args(Source):
-            return f"source {change.value!r} is none of: {listing(get_args(Source))}"
+        for name, allowed in (("source", get_args(Source)), ("protocol", get_args(ProtocolChoice))):
+            if change.name == name and change.value not in allowed:
+                return f"{name} {change.value!r} is none of: {listing(allowed)}"
     return ""

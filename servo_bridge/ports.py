@@ -69,5 +69,30 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
     raise PortError("", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_IT}")
 
 
+def stable_name(port: str, by_id: Path = BY_ID) -> str:
+    """The link of /dev/serial/by-id that leads to an open port; the port itself where there is none."""
+    target = Path(port).resolve()
+    if by_id.is_dir():
+        for link in sorted(by_id.iterdir()):
+            if link.resolve() == target:
+                return str(link)
+    return port
+
+
+def find_again(port: str, stable: str) -> str:
+    """The port to open after one was lost: the name the person gave, or the same device under a new number.
+
+    Args:
+        port: Name from the person; empty searches, see `find_port`.
+        stable: What `stable_name` said while the port was open; empty where none was.
+
+    Raises:
+        PortError: of `find_port`.
+    """
+    if port and stable and not Path(port).exists() and Path(stable).exists():
+        return stable
+    return find_port(port)
+
+
 def _is_board(info: PortInfo) -> bool:
     return (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from random import Random
 from typing import Literal, TypeAlias
 
 Wish: TypeAlias = Literal["none", "configure", "activate"]
@@ -11,9 +12,15 @@ DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
 
 
 class Recovery:
-    """A wished state and a back-off between the tries to reach it, on a steady clock that is passed in."""
+    """A wished state and a back-off between the tries to reach it, on a steady clock that is passed in.
 
-    def __init__(self) -> None:
+    Args:
+        jitter: Each delay is longer or shorter by up to this fraction, so that several bridges part.
+        random: Where the jitter comes from.
+    """
+
+    def __init__(self, jitter: float = 0.0, random: Random | None = None) -> None:
+        self._jitter, self._random = jitter, random or Random()
         self.wish: Wish = "none"
         self.tries = 0
         self._next_try = 0.0
@@ -21,7 +28,7 @@ class Recovery:
     def want(self, wish: Wish, now: float, *, wait: bool) -> None:
         """Set the wish; the first try is due at once, or after the first delay."""
         self.wish, self.tries = wish, int(wait)
-        self._next_try = now + (DELAYS_S[0] if wait else 0.0)
+        self._next_try = now + (self._delay(0) if wait else 0.0)
 
     def give_up(self) -> None:
         """Want nothing any more."""
@@ -33,5 +40,9 @@ class Recovery:
 
     def failed(self, now: float) -> None:
         """The try did not succeed: wait longer before the next."""
-        self._next_try = now + DELAYS_S[min(self.tries, len(DELAYS_S) - 1)]
+        self._next_try = now + self._delay(self.tries)
         self.tries += 1
+
+    def _delay(self, tries: int) -> float:
+        delay = DELAYS_S[min(tries, len(DELAYS_S) - 1)]
+        return delay * (1.0 + self._jitter * self._random.uniform(-1.0, 1.0))

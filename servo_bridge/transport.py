@@ -13,13 +13,14 @@ from servo_bridge.errors import PortError
 
 READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.2
+BRLTTY = "if it vanishes right after plugging in on Ubuntu, remove the package brltty: it takes CH340 chips"
 
 
 class SerialTransport:
-    """An open serial port: whole packets out, anything that comes in is read and dropped.
+    """An open serial port: whole packets out, bytes in.
 
-    The modem lines are left alone: opening a port resets most boards whatever is asked of them, and a
-    pseudo-terminal has none.
+    One thread may read while another one writes. The modem lines are left alone: opening a port resets most
+    boards whatever is asked of them, and a pseudo-terminal has none.
 
     Args:
         port: Name of the device, for example /dev/ttyACM0.
@@ -59,6 +60,26 @@ class SerialTransport:
         except (OSError, TypeError) as error:  # pyserial: TypeError where another thread closed the port
             raise PortError(self.port, self._vanished()) from error
 
+    def read(self) -> bytes:
+        """What came in; waits for the first byte for 0.05 s at most.
+
+        Raises:
+            PortError: the port vanished or was closed.
+        """
+        try:
+            data = bytes(self._serial.read(1))
+            waiting = self._serial.in_waiting if data else 0
+            return data + bytes(self._serial.read(waiting)) if waiting else data
+        except (OSError, TypeError) as error:
+            raise PortError(self.port, self._vanished()) from error
+
+    def cancel_read(self) -> None:
+        """End a `read` that waits in another thread."""
+        try:
+            self._serial.cancel_read()
+        except (OSError, AttributeError):  # vanished or closed: nothing waits any more
+            return
+
     def discard_input(self) -> int:
         """Read and drop what came in, without waiting.
 
@@ -90,7 +111,8 @@ class SerialTransport:
         self.close()
 
     def _vanished(self) -> str:
-        return f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
+        sentence = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
+        return f"{sentence}; {BRLTTY}" if _is_usb_adapter(self.port) else sentence
 
 
 def opening_sentence(port: str, error: BaseException) -> str:
@@ -98,21 +120,22 @@ def opening_sentence(port: str, error: BaseException) -> str:
     code = _error_number(error)
     if code in (errno.EACCES, errno.EPERM):
         return (
-            f"no permission to open {port}; run: sudo usermod -aG dialout $USER, then log out and in"
-            " (in a container: --device and --group-add dialout)"
+            f"no permission to open {port}; run: sudo usermod -aG dialout $USER, then log out and in, or"
+            " install configs/udev/99-tripod.rules (in a container: --device and --group-add dialout)"
         )
     if code in (errno.EAGAIN, errno.EBUSY):
         return (
             f"port {port} is in use by another program (another bridge, a serial monitor, an upload);"
-            " stop that program first"
+            " stop that program first; ModemManager tries every new port for some seconds:"
+            " configs/udev/99-tripod.rules keeps it away"
         )
     if code in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         if port and not os.path.lexists(port):
             advice = (
                 "plug the board in, or give another name with the parameter port (ls -l /dev/serial/by-id)"
             )
-            if Path(port).name.startswith("ttyUSB"):
-                advice += "; if it vanishes right after plugging in on Ubuntu, remove the package brltty"
+            if _is_usb_adapter(port):
+                advice += f"; {BRLTTY}"
             return f"port {port} does not exist; {advice}"
         return f"port {port} has no device behind it; plug the board in"
     if code in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
@@ -120,6 +143,10 @@ def opening_sentence(port: str, error: BaseException) -> str:
     if code == errno.EIO:
         return f"port {port} does not answer (input/output error); unplug the board and plug it in again"
     return f"port {port} cannot be opened: {error}"
+
+
+def _is_usb_adapter(port: str) -> bool:
+    return Path(port).name.startswith("ttyUSB") or Path(os.path.realpath(port)).name.startswith("ttyUSB")
 
 
 def _error_number(error: BaseException | None) -> int | None:

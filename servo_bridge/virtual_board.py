@@ -1,11 +1,14 @@
 """A board without hardware: a pseudo-terminal that speaks the board's side of the protocol.
 
-The bridge opens it with real pyserial on a real tty. As the real board it says nothing, forgets a packet
-begun when the port is opened, and keeps the last servo bytes when the line falls silent.
+The bridge opens it with real pyserial on a real tty. As a plain board it says nothing, forgets a packet
+begun when the port is opened, and keeps the last servo bytes when the line falls silent. On request it speaks
+the extended protocol as well: banner when opened, frames, telemetry. The firmware itself, with its slew limit
+and its creep to rest, runs in the emulator instead.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import threading
@@ -18,6 +21,7 @@ from pathlib import Path
 from types import TracebackType
 
 from servo_bridge.codec import PacketParser
+from servo_bridge.extended_board import TELEMETRY_PERIOD_S, ExtendedBoard
 from servo_bridge.port_link import make_link, remove_link
 
 IDLE_POLL_S = 0.02
@@ -39,17 +43,24 @@ class VirtualBoard:
         servo_count: Servo bytes in a packet.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
         log_length: Packets kept in `packets`; older ones are forgotten.
+        extended: Speak the extended protocol, too; a legacy packet stays accepted.
 
     Raises:
         PortError: the link cannot be made, or something that is no link is in its place.
     """
 
     def __init__(
-        self, servo_count: int = 3, link: Path | str | None = None, log_length: int = 100_000
+        self,
+        servo_count: int = 3,
+        link: Path | str | None = None,
+        log_length: int = 100_000,
+        extended: bool = False,
     ) -> None:
         self.servo_count = servo_count
         self.link = None if link is None else Path(link)
         self._parser = PacketParser(servo_count)
+        self.extended = ExtendedBoard(self._parser) if extended else None
+        self._telemetry_due = 0.0
         self._log: deque[ReceivedPacket] = deque(maxlen=log_length)
         self._changed = threading.Condition()
         self._servo_bytes: tuple[int, ...] | None = None
@@ -122,6 +133,15 @@ class VirtualBoard:
         with self._changed:
             self._log.clear()
 
+    def restart(self, cause: int) -> None:
+        """Reset the board, which forgets its pose; `cause` as in `frames.Banner`."""
+        with self._changed:
+            self._parser.reset()
+            self._servo_bytes = None
+            if self.extended is not None:
+                self.extended.reset(cause)
+            self._changed.notify_all()
+
     def unplug(self) -> None:
         """Pull the cable: the port vanishes under whoever has it open. The servos lose power."""
         if self._master is None:
@@ -182,7 +202,7 @@ class VirtualBoard:
         both.register(wake, select.POLLIN)
         idle.register(wake, select.POLLIN)
         while True:
-            events = dict(both.poll(None if self._opened else 0))  # an opening by itself wakes no poll
+            events = dict(both.poll(self._patience_ms()))
             if wake in events:
                 return
             state = events.get(master, 0)
@@ -194,6 +214,29 @@ class VirtualBoard:
                     return
             else:
                 self._set_open(True)
+                self._speak(master)
+
+    def _patience_ms(self) -> float | None:
+        if not self._opened:
+            return 0.0  # an opening by itself wakes no poll
+        if self.extended is None:
+            return None
+        return max(self._telemetry_due - time.monotonic(), 0.0) * 1000.0
+
+    def _speak(self, master: int) -> None:
+        """What the board has to say by now; what a full line does not take is lost, as on the wire."""
+        now = time.monotonic()
+        if self.extended is None or now < self._telemetry_due:
+            return
+        with self._changed:
+            if self.extended.silent:
+                data = b""
+            else:
+                data = self.extended.say(now)
+        self._telemetry_due = now + TELEMETRY_PERIOD_S
+        if data:
+            with contextlib.suppress(OSError):
+                os.write(master, data)
 
     def _set_open(self, opened: bool) -> None:
         with self._changed:
@@ -201,13 +244,17 @@ class VirtualBoard:
                 self._opened = opened
                 self._open_count += opened
                 self._parser.reset()
+                if opened and self.extended is not None:
+                    self.extended.reset()
+                    self._telemetry_due = 0.0
                 self._changed.notify_all()
 
     def _take(self, data: bytes) -> None:
         now = time.monotonic()
         with self._changed:
             self._raw_bytes += len(data)
-            for servo_bytes in self._parser.feed(data, now):
+            board = self._parser if self.extended is None else self.extended
+            for servo_bytes in board.feed(data, now):
                 self._servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))
             self._changed.notify_all()

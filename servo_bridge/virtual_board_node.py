@@ -60,8 +60,19 @@ class VirtualBoardNode(Node):
                 integer_range=[IntegerRange(from_value=1, to_value=16, step=1)],
             ),
         )
+        self.declare_parameter(
+            "extended",
+            False,
+            ParameterDescriptor(
+                description="Speak the extended protocol: banner, telemetry.", read_only=True
+            ),
+        )
         link = str(self.get_parameter("link").value) if link is None else link
-        self.board = VirtualBoard(int(self.get_parameter("servos").value), link or None)
+        self.board = VirtualBoard(
+            int(self.get_parameter("servos").value),
+            link or None,
+            extended=bool(self.get_parameter("extended").value),
+        )
         self._seen = 0
         self._shown = ""
         self._show = show

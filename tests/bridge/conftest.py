@@ -37,6 +37,11 @@ def wait_until() -> Callable[..., bool]:
     return _wait_until
 
 
+@pytest.fixture(autouse=True)
+def no_calibration_of_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "configuration"))
+
+
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[VirtualBoard]:
     with VirtualBoard(link=tmp_path / "board") as virtual:

@@ -1,0 +1,232 @@
+"""Driver and virtual board in the extended protocol: detection, ranges, e-stop, resets, telemetry, end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from servo_bridge.codec import angle_to_width, byte_to_angle, width_limits, width_to_angle
+from servo_bridge.driver import ServoDriver
+from servo_bridge.errors import PortError
+from servo_bridge.frames import BoardFlags, byte_to_width
+from servo_bridge.virtual_board import VirtualBoard
+from softsim_core.actuation.limits import JointLimits
+from softsim_core.errors import SceneError
+from softsim_core.scene.description import (
+    BoardDescription,
+    JointDescription,
+    SceneDescription,
+    ServoCalibration,
+)
+
+PERIOD = 0.02
+Wait = Callable[..., bool]
+
+
+def robot(count: int = 3, **servo: int) -> SceneDescription:
+    names = [f"j{number}" for number in range(count)]
+    limits = JointLimits(-2.0225, -0.0255, 3.5, 1e9)
+    return SceneDescription(
+        name="robot",
+        joints=tuple(JointDescription(name=name, limits=limits) for name in names),
+        board=BoardDescription(servos=tuple(ServoCalibration(joint=name, **servo) for name in names)),
+    )
+
+
+class TestClock:
+    """A clock that moves only when told to."""
+
+    __test__ = False
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def wait(self, duration_s: float) -> None:
+        self.now += duration_s
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[VirtualBoard]:
+    with VirtualBoard(link=tmp_path / "board", extended=True) as virtual:
+        yield virtual
+
+
+@pytest.fixture
+def clock() -> TestClock:
+    return TestClock()
+
+
+@pytest.fixture
+def driver(board: VirtualBoard, clock: TestClock, wait_until: Wait) -> Iterator[ServoDriver]:
+    made = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    made.connect(board.port, quiet_s=2.5)
+    made.start()
+    assert wait_until(lambda: made.link_state == "extended")
+    yield made
+    made.disconnect()
+
+
+def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[int, ...] | None]:
+    sent = []
+    for _ in range(round(duration_s / PERIOD)):
+        clock.wait(PERIOD)
+        sent.append(driver.tick())
+    return sent
+
+
+def flags(driver: ServoDriver) -> BoardFlags:
+    assert driver.link is not None
+    return BoardFlags(0) if driver.link.telemetry is None else driver.link.telemetry.flags
+
+
+def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    assert board.received == 0
+    assert driver.tick() is None  # SET_LIMITS
+    assert driver.tick() == (150, 150, 150)
+    assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
+    assert board.extended is not None
+    assert board.extended.limits_us == ((1163, 2400),) * 3
+    assert wait_until(lambda: BoardFlags.LIMITS_SET | BoardFlags.ACTIVE in flags(driver))
+
+
+def test_poses_are_finer_than_a_degree_and_acknowledged(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    driver.tick()
+    driver.start()
+    driver.command([-1.4965, -1.046667, -0.785])
+    run(driver, clock, 0.4)
+    widths = tuple(angle_to_width(angle, servo) for angle, servo in zip(
+        [-1.4965, -1.046667, -0.785], driver.servos, strict=True))  # fmt: skip
+    assert driver.link is not None
+    assert wait_until(lambda: driver.link.telemetry.widths_us == widths)  # type: ignore[union-attr]
+    assert driver.applied_angles() == pytest.approx([-1.4965, -1.046667, -0.785], abs=math.radians(0.05))
+    assert wait_until(lambda: driver.link.unacknowledged == 0)  # type: ignore[union-attr]
+    assert driver.link.frames_dropped == 0
+    assert board.dropped == 0
+
+
+def test_the_e_stop_is_said_to_the_board(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    driver.tick()
+    driver.command([-1.0] * 3)
+    run(driver, clock, 0.2)
+    pose = driver.applied_angles()
+    driver.motion.e_stop()
+    driver.command([-2.0] * 3)
+    run(driver, clock, 0.2)
+    assert driver.applied_angles() == pose
+    assert wait_until(lambda: BoardFlags.HOLD in flags(driver))
+    driver.disconnect(relax=True)
+    assert board.wait_for(lambda b: not b.is_open)
+    assert board.extended is not None
+    assert not board.extended.relaxed
+
+
+def test_pulses_are_switched_off_at_the_end_at_rest(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard
+) -> None:
+    driver.tick()
+    driver.command([-1.0] * 3)
+    run(driver, clock, 0.2)
+    assert driver.settle()
+    driver.disconnect(relax=True)
+    assert board.extended is not None
+    assert board.wait_for(lambda b: b.extended.relaxed)
+    assert board.servo_bytes == (150, 150, 150)
+
+
+def test_a_board_that_restarts_is_told_its_ranges_and_the_pose_goes_on_from_the_last(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    driver.tick()
+    driver.command([-1.0] * 3)
+    run(driver, clock, 0.3)
+    pose = driver.applied_angles()
+    assert wait_until(lambda: driver.link is not None and driver.link.unacknowledged == 0)
+    board.restart(cause=8)
+    assert wait_until(lambda: driver.link is not None and driver.link.counts.banners == 2)
+    assert wait_until(lambda: driver.link_state == "extended")
+    assert BoardFlags.WATCHDOG in flags(driver)
+    assert driver.tick() is None
+    clock.wait(PERIOD)
+    assert driver.tick() == (122, 122, 122)
+    assert driver.applied_angles() == pose
+    assert driver.counts.restarts == 2
+    assert board.wait_for(lambda b: b.extended is not None and b.extended.limits_us != ())
+
+
+def test_a_board_that_kept_its_pose_gives_the_first_one(
+    board: VirtualBoard, clock: TestClock, wait_until: Wait
+) -> None:
+    driver = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    driver.connect(board.port, quiet_s=2.5)
+    assert wait_until(lambda: driver.link_state == "extended")
+    assert board.extended is not None
+    with board._changed:  # a board whose reset line is cut, and which somebody moved
+        board.extended._pose([1500, 1600, 1700], 0.0)
+    assert wait_until(lambda: BoardFlags.ACTIVE in flags(driver))
+    driver.start()
+    driver.tick()
+    driver.tick()
+    assert board.wait_for(lambda b: b.extended._widths == (1500, 1600, 1700) and b.accepted == 1)
+    driver.disconnect()
+
+
+def test_telemetry_that_stops_is_a_lost_board(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    driver.tick()
+    assert board.extended is not None
+    board.extended.silent = True
+
+    def lost() -> bool:
+        clock.wait(1.0)
+        try:
+            driver.listen()
+        except PortError as error:
+            return "no telemetry" in str(error)
+        return False
+
+    assert wait_until(lost)
+
+
+def test_a_damaged_line_is_rejected_and_reported(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    driver.tick()
+    assert driver._transport is not None
+    driver._transport.write(b"\xfe\x81\x85\x80\xfe\x9f")
+    driver.tick()
+    assert driver.link is not None
+    assert wait_until(lambda: driver.link.telemetry.rejects >= 1)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("sign", "zero"), [(1, 179), (-1, 61)])
+def test_widths_of_nominal_angles_are_those_of_the_bytes(sign: int, zero: int) -> None:
+    servo = ServoCalibration(joint="j", sign=sign, zero_byte=zero, trim_deg=0.3)  # type: ignore[arg-type]
+    for byte in range(60, 181):
+        angle = byte_to_angle(byte, servo)
+        assert abs(angle_to_width(angle, servo) - byte_to_width(byte)) <= 0.5 + 1e-6
+        assert width_to_angle(byte_to_width(byte), servo) == pytest.approx(angle)
+    for angle in (-1e308, -1e9, -3.0, 0.0, 3.0, 1e9, 1e308):
+        low, high = width_limits(servo)
+        assert low <= angle_to_width(angle, servo) <= high
+
+
+def test_other_numbers_of_servos_stay_with_the_legacy_protocol() -> None:
+    assert ServoDriver(robot(2)).protocol == "legacy"
+    with pytest.raises(SceneError, match="has 2 servos, the extended protocol 3"):
+        ServoDriver(robot(2), protocol="extended")
+    with pytest.raises(SceneError, match=r"allows bytes 60\.\.180, not 0\.\.180"):
+        ServoDriver(robot(byte_min=0), protocol="ascii_imu")
+    assert ServoDriver(robot(), protocol="ascii_imu").baud_rate == 57600
