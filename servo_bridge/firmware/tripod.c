@@ -42,7 +42,7 @@
 #define ANGLE_TICKS(a) ((uint16_t)(WIDTH_MIN_US * TICKS_PER_US + ((uint32_t)(a) * SPAN_US * TICKS_PER_US + 90u) / 180u))
 
 /* Motion, per frame of 20 ms. */
-#define SLEW_TICKS 123u     /* 61.5 us: 5.96 degrees a frame, 298 degrees a second */
+#define SLEW_TICKS 122u     /* 61 us: 5.92 degrees a frame, 296 degrees a second */
 #define SLEW_MAX_US 124u    /* 12 degrees a frame: as fast as a free-running hobby servo */
 #define CREEP_TICKS 20u     /* 10 us: 0.97 degrees a frame on the way to rest */
 #define HOLD_FRAMES 25u     /* 0.5 s of silence */
@@ -224,7 +224,6 @@ static uint16_t slew = SLEW_TICKS;
 static uint8_t started;   /* a pose was commanded since the reset */
 static uint8_t relaxed;
 static uint8_t hold_asked;
-static uint8_t limits_set;
 static uint8_t silence = 255; /* frames since the last valid command, saturating */
 
 static uint16_t within(uint16_t value, uint16_t low, uint16_t high)
@@ -292,6 +291,8 @@ static uint16_t rejects;
 static uint8_t frame_type, frame_sequence, frame_length, frame_crc, crc_high;
 static uint8_t accepted_sequence;
 static uint8_t telemetry_wanted;
+static uint8_t limits_set;
+static uint8_t framed; /* the last valid command was a frame */
 #endif
 
 static void reject(void)
@@ -303,6 +304,13 @@ static void reject(void)
 static void take_legacy(void)
 {
     uint16_t ticks[SERVOS];
+#ifndef LEGACY_ONLY
+    if (framed && silence < HOLD_FRAMES) { /* one flipped bit makes a legacy packet of a frame's first bytes */
+        rejects++;
+        return;
+    }
+    framed = 0;
+#endif
     for (uint8_t i = 0; i < SERVOS; i++)
         ticks[i] = ANGLE_TICKS(buffer[i]);
     command_pose(ticks);
@@ -378,6 +386,7 @@ static uint8_t take_frame(void)
         break;
     }
     silence = 0;
+    framed = 1;
     return 1;
 }
 #endif
