@@ -122,6 +122,11 @@ class EmulatedBoardPty:
         with self._changed:
             return None if self._master is None else self._board.widths_us()
 
+    def read_flash(self, address: int, length: int) -> bytes:
+        """Bytes of the board's program memory."""
+        with self._changed:
+            return bytes(self._board.processor.flash[address : address + length])
+
     def wait_for(self, predicate: Callable[[EmulatedBoardPty], bool], deadline_s: float = 10.0) -> bool:
         """Wait until `predicate(board)` holds, looking after every slice of virtual time.
 

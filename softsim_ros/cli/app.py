@@ -37,6 +37,10 @@ COMMANDS = {
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"
     ),
+    "flash": Command("softsim_ros.cli.flash", "put the firmware onto the servo board (avrdude)"),
+    "calibrate-servos": Command(
+        "softsim_ros.cli.calibrate_servos", "walk through a robot's servos: direction, mounting, range"
+    ),
     "workspace": Command("softsim_ros.cli.workspace", "say how far a robot's effector gets, with a picture"),
     "bench": Command("softsim_ros.cli.bench", "measure the speed of a simulation step on this machine"),
     "test": Command("softsim_ros.cli.suite", "run the test suite (--quick: under two minutes)", True),

@@ -1,0 +1,107 @@
+"""`softsim flash`: put the firmware onto the servo board with avrdude; says what it does, asks first."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+BAUD_RATE = 115200
+OLD_NANO_BAUD_RATE = 57600
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--port", default="", metavar="PATH", help="the board's port (the one plugged in)")
+    parser.add_argument("--hex", type=Path, metavar="FILE", help="another firmware (this package's own)")
+    parser.add_argument(
+        "--baud",
+        type=int,
+        default=BAUD_RATE,
+        metavar="N",
+        help=f"speed of the board's boot loader: {BAUD_RATE} (default), {OLD_NANO_BAUD_RATE} on old Nanos",
+    )
+    parser.add_argument("--dry-run", action="store_true", help="say what would be done, and stop")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.epilog = "Stop the bridge first, and switch off the servos' supply: their pulses end meanwhile."
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Flash the board; 0 when avrdude wrote and verified it, 1 when something is missing or was refused."""
+    from servo_bridge.emulator.board import FIRMWARE
+    from servo_bridge.emulator.intel_hex import read_image
+    from servo_bridge.errors import PortError
+    from servo_bridge.ports import find_port
+
+    image = Path(arguments.hex or FIRMWARE)
+    _, content = read_image(image)
+    if arguments.hex is None and not is_as_recorded(image):
+        return _refuse(
+            f"{image} is not the file its checksum was made of; copy or check out the package again"
+        )
+    try:
+        port = find_port(arguments.port)
+    except PortError as error:
+        if not arguments.dry_run:
+            raise
+        port = "PORT"
+        print(f"{error}\n")
+    command = flash_command(port, image, arguments.baud)
+    print(f"firmware: {image} ({len(content)} bytes)\nboard:    ATmega328P on {port}, which is reset twice")
+    print(f"command:  {shlex.join(command)}")
+    if arguments.dry_run:
+        print("nothing was done (--dry-run)")
+        return 0
+    if shutil.which(command[0]) is None:
+        return _refuse("avrdude is not installed; run: sudo apt-get install avrdude")
+    if not arguments.yes and not _confirmed():
+        return _refuse("nothing was done; answer yes, or give --yes")
+    _check_free(port, arguments.baud)
+    code = subprocess.run(command, check=False).returncode
+    if code:
+        return _refuse(
+            f"avrdude failed (exit code {code}); close other programs on {port}, check that the board is an Uno "
+            f"or Nano, and on an old Nano add --baud {OLD_NANO_BAUD_RATE}"
+        )
+    print("done: the firmware runs; softsim up tripod --board auto")
+    return 0
+
+
+def flash_command(port: str, image: Path, baud_rate: int) -> list[str]:
+    """The avrdude command line that writes and verifies the flash of an Uno or Nano."""
+    write = f"flash:w:{image}:i"
+    return ["avrdude", "-c", "arduino", "-p", "m328p", f"-b{baud_rate}", "-P", port, "-U", write]
+
+
+def is_as_recorded(image: Path) -> bool:
+    """Whether an image has the checksum in the file beside it."""
+    record = image.with_suffix(".sha256")
+    wanted = [hashlib.sha256(image.read_bytes()).hexdigest(), image.name]
+    return any(line.split() == wanted for line in record.read_text().splitlines())
+
+
+def _confirmed() -> bool:
+    if not sys.stdin.isatty():
+        return False
+    return input("write it? [yes/no] ").strip().lower() in ("y", "yes")
+
+
+def _check_free(port: str, baud_rate: int) -> None:
+    """Refuse a port that another program holds: avrdude would not notice, and both would lose bytes.
+
+    Raises:
+        PortError: the port is in use, missing, or not allowed; the sentence says what to do.
+    """
+    from servo_bridge.transport import SerialTransport
+
+    with SerialTransport(port, baud_rate):
+        return
+
+
+def _refuse(sentence: str) -> int:
+    print(f"softsim flash: {sentence}", file=sys.stderr)
+    return 1
