@@ -172,6 +172,31 @@ def test_nothing_is_written_while_a_board_may_be_starting(
     assert far_end.wait_for(lambda board: board.received > 0)  # then it counts as a plain board
 
 
+@pytest.mark.parametrize("variant", ["boot loader first", "plain firmware"])
+def test_boards_that_need_the_quiet_time(
+    bridge: Callable[..., Process],
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+    tmp_path: Path,
+    variant: str,
+) -> None:
+    from firmware_build import build, build_boot_loader
+    from std_msgs.msg import Float64MultiArray
+
+    plain = variant == "plain firmware"
+    firmware = build(tmp_path, "-DLEGACY_ONLY") if plain else None
+    loader = None if plain else build_boot_loader(tmp_path)
+    with EmulatedBoardPty(firmware, loader, tmp_path / "other") as board:
+        process = bridge(port=board.port)
+        stream(client.publisher(Float64MultiArray, "position_controller/commands"), commands(90, 120, 165))
+        assert board.wait_for(lambda each: each.open_count == 1)
+        opened = board.time_s
+        assert board.wait_for(lambda each: each.received > 0), process.output
+        assert board.time_s - opened > (2.2 if plain else 1.3)  # 1.4 s of boot loader, or 2.5 s of silence
+        assert board.wait_for(at(90, 120, 165)), f"{board.widths_us()} {process.output}"
+        assert board.failure == ""
+
+
 def test_a_killed_bridge_leaves_a_robot_that_holds_and_then_rests(
     bridge: Callable[..., Process],
     far_end: EmulatedBoardPty,
