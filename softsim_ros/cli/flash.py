@@ -64,8 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     code = subprocess.run(command, check=False).returncode
     if code:
         return _refuse(
-            f"avrdude failed (exit code {code}); close other programs on {port}, check that the board is an Uno "
-            f"or Nano, and on an old Nano add --baud {OLD_NANO_BAUD_RATE}"
+            f"avrdude failed (exit code {code}); close other programs on {port}, check that the board "
+            f"is an Uno or Nano, and on an old Nano add --baud {OLD_NANO_BAUD_RATE}"
         )
     print("done: the firmware runs; softsim up tripod --board auto")
     return 0
