@@ -13,8 +13,8 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 def test_every_command_reaches_the_line_within_two_periods() -> None:
-    for figures in measure_bridge(seconds=3.0):
-        assert len(figures.latency_ms) >= 60
+    for figures in measure_bridge(seconds=2.0):
+        assert len(figures.latency_ms) >= 40
         assert figures.missed == 0
         assert np.median(figures.latency_ms) < 25.0  # the target holds for p99; other tests run beside this
         assert figures.periods_ms.mean() == pytest.approx(20.0, abs=0.2)
