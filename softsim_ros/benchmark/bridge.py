@@ -146,7 +146,8 @@ def _measure(scene: SceneDescription, seconds: float, source: str, what: str) ->
         environment["XDG_RUNTIME_DIR"] = folder
         commands = _programs(scene.name, board.port, source)
         with _running(commands, environment, log) as children, _Probe(scene, domain) as probe:
-            _wait(lambda: board.accepted > 0 and probe.connected, children, log)
+            settled = tuple(EDGE_BYTE for _ in scene.board.servos)
+            _wait(lambda: probe.prepare() and board.servo_bytes == settled, children, log)
             crossings = probe.command_for(seconds, source)
             packets = board.packets
     if len(crossings) < 3 or len(packets) < 3:
@@ -209,7 +210,7 @@ def _wait(ready: Any, children: Sequence[subprocess.Popen[bytes]], log: IO[str])
     while not ready():
         if time.monotonic() > deadline or any(child.poll() is not None for child in children):
             log.seek(0)
-            raise BridgeBenchmarkError(f"the bridge did not start sending: {log.read().strip()[-400:]}")
+            raise BridgeBenchmarkError(f"the first pose was not reached: {log.read().strip()[-400:]}")
         nap.wait(0.05)
 
 
@@ -253,18 +254,14 @@ class _Probe:
         self._node.destroy_node()
         self._context.try_shutdown()
 
-    @property
-    def connected(self) -> bool:
-        """Whether commands have a listener and joint states come."""
-        return self._publisher.get_subscription_count() > 0 and self._sides[0] is not None
+    def prepare(self) -> bool:
+        """Command the first pose; whether joint states come."""
+        self._publish()
+        return self._sides[0] is not None
 
     def command_for(self, seconds: float, source: str) -> list[Crossing]:
         """Command for a time; the crossings of the source, without those of the way to the first pose."""
         randomness, nap = random.Random(SEED), threading.Event()
-        settled = time.monotonic() + 2.0
-        while time.monotonic() < settled:
-            self._publish()
-            nap.wait(0.05)
         self._mirrored.clear()
         published, above, end, turn = [], [True] * len(self._servos), time.monotonic() + seconds, 0
         while time.monotonic() < end:
