@@ -283,6 +283,8 @@ class ServoDriver:
             return None
         before = self.motion.positions
         packet = self._encode(step(now), state)
+        if state == "extended":
+            self.link.sent(self._seq)  # before: the acknowledgement may come while the write returns
         try:
             self._transport.write(packet.data)
         except PortError:
@@ -291,10 +293,8 @@ class ServoDriver:
         self._board_moved = True
         self.counts.packets += 1
         self.counts.avoided += packet.avoided
-        if state == "extended":
-            self.link.sent(self._seq)
-            if self.motion.e_stopped:
-                return self.sent_bytes  # what was sent says "hold", and no pose
+        if state == "extended" and self.motion.e_stopped:
+            return self.sent_bytes  # what was sent says "hold", and no pose
         self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
         return self.sent_bytes
 
@@ -321,8 +321,8 @@ class ServoDriver:
         self.motion.start(now)
         limits = [codec.width_limits(servo) for servo in self.servos]
         seq = self._next_seq()
-        self._transport.write(frames.set_limits(seq, limits))
         self.link.sent(seq)
+        self._transport.write(frames.set_limits(seq, limits))
 
     def _next_seq(self) -> int:
         self._seq = (self._seq + 1) % frames.SEQUENCES

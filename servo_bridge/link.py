@@ -179,7 +179,7 @@ class BoardLink:
             return restarted
 
     def sent(self, seq: int) -> None:
-        """A frame with this sequence number was written."""
+        """A frame with this sequence number is written now."""
         with self._lock:
             self._sent_seq = seq
 

@@ -24,6 +24,9 @@ from servo_bridge.codec import PacketParser
 from servo_bridge.extended_board import TELEMETRY_PERIOD_S, ExtendedBoard
 from servo_bridge.port_link import make_link, remove_link
 
+START_S = 0.2
+"""Time in [s] from the opening of the port to the banner; a real board's boot loader takes 1.4 s."""
+
 IDLE_POLL_S = 0.02
 """How often a port that nobody has open is looked at, in [s]."""
 
@@ -246,7 +249,7 @@ class VirtualBoard:
                 self._parser.reset()
                 if opened and self.extended is not None:
                     self.extended.reset()
-                    self._telemetry_due = 0.0
+                    self._telemetry_due = time.monotonic() + START_S
                 self._changed.notify_all()
 
     def _take(self, data: bytes) -> None:

@@ -1,0 +1,240 @@
+"""A walk through the servos of a robot: which way each turns, how it is mounted, how far it may go.
+
+The servos move only through the driver, so limits of position, speed and acceleration hold all the time, and
+the board hears a pose fifty times a second while the person thinks.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from servo_bridge.codec import angle_to_byte, byte_to_angle
+from servo_bridge.driver import ServoDriver
+from servo_bridge.errors import PortError
+from servo_bridge.writer import PeriodicThread
+from softsim_core.errors import SoftSimError
+from softsim_core.scene.description import SceneDescription, ServoCalibration
+
+Ask = Callable[[str], str]
+"""Shows a question, returns the line that the person typed."""
+
+Say = Callable[[str], None]
+
+SMALL_MOVE_DEG, MOVE_TIMEOUT_S, START_TIMEOUT_S = 10.0, 15.0, 10.0
+NUDGES = {"+": 1.0, "++": 5.0, "-": -1.0, "--": -5.0}
+
+
+class CalibrationAbortedError(SoftSimError):
+    """The person ended the calibration; nothing is written."""
+
+    def __init__(self) -> None:
+        super().__init__("calibration ended; nothing was written")
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What the person saw of one servo.
+
+    Attributes:
+        mirrored: It turns the other way.
+        reference_rad: Joint angle at which its mounting was judged, in [rad].
+        offset_deg: How much more than told the servo had to turn until the joint stood there, in [deg].
+        byte_min, byte_max: Ends of the range that is free; None: as before.
+    """
+
+    mirrored: bool
+    reference_rad: float
+    offset_deg: float
+    byte_min: int | None = None
+    byte_max: int | None = None
+
+
+def calibrated(servo: ServoCalibration, seen: Observed) -> ServoCalibration:
+    """The servo's calibration after what was seen: at the reference it is sent what proved right there.
+
+    A mirrored servo counts backwards from the middle of its range. The rest angle stays, as far as the range
+    allows.
+
+    Raises:
+        SceneError: the range is empty.
+    """
+    degrees = seen.reference_rad * 180.0 / math.pi
+    right = servo.sign * degrees + servo.trim_deg + servo.zero_byte + seen.offset_deg
+    rest = byte_to_angle(servo.rest_byte, servo)
+    sign, zero = servo.sign, servo.zero_byte
+    if seen.mirrored:
+        sign, zero = (-1 if sign == 1 else 1), servo.byte_min + servo.byte_max - zero
+    low = servo.byte_min if seen.byte_min is None else seen.byte_min
+    high = servo.byte_max if seen.byte_max is None else seen.byte_max
+    fresh = replace(
+        servo,
+        sign=sign,
+        zero_byte=zero,
+        trim_deg=round(right - zero - sign * degrees, 3),
+        byte_min=low,
+        byte_max=high,
+        rest_byte=min(max(servo.rest_byte, low), high),
+    )
+    return replace(fresh, rest_byte=angle_to_byte(rest, fresh))
+
+
+class ServoMover:
+    """Sends the newest pose at the board's rate from a thread; `move` waits until it is reached.
+
+    Args:
+        driver: Connected; the caller disconnects it after `close`.
+    """
+
+    def __init__(self, driver: ServoDriver) -> None:
+        self._driver = driver
+        self._changed = threading.Condition()
+        self._fault: PortError | None = None
+        self._target = dict(zip(driver.servo_joints, driver.motion.rest, strict=True))
+        driver.start()
+        self._thread = PeriodicThread(self._tick, driver.period)
+
+    def wait_for_board(self, deadline_s: float) -> None:
+        """Wait until the first pose was sent.
+
+        Raises:
+            PortError: the board is lost, or did not start in time.
+        """
+        self._wait(lambda: self._driver.sent_bytes is not None, deadline_s)
+
+    def move(self, joint: str, angle_rad: float) -> float:
+        """Turn one joint, the others stay; the angle reached in [rad], within the limits.
+
+        Raises:
+            PortError: the board is lost.
+        """
+        with self._changed:
+            self._target[joint] = angle_rad
+        index = self._driver.servo_joints.index(joint)
+        goal = self._driver.motion.limits[index].clamp(angle_rad)
+        self._wait(lambda: self._driver.motion.positions[index] == goal, MOVE_TIMEOUT_S)
+        return goal
+
+    def sent_byte(self, joint: str) -> int:
+        """Servo byte that the joint was told last."""
+        with self._changed:
+            assert self._driver.sent_bytes is not None
+            return self._driver.sent_bytes[self._driver.servo_joints.index(joint)]
+
+    def close(self) -> None:
+        """Stop sending, go to rest at the limits' speed."""
+        self._thread.stop()
+        self._thread.join()
+        self._driver.settle(MOVE_TIMEOUT_S)
+
+    def _tick(self) -> None:
+        with self._changed:
+            if self._fault is None:
+                try:
+                    self._driver.command_named(self._target)
+                    self._driver.tick()
+                except PortError as error:
+                    self._fault = error
+            self._changed.notify_all()
+
+    def _wait(self, condition: Callable[[], bool], deadline_s: float) -> None:
+        with self._changed:
+            done = self._changed.wait_for(lambda: self._fault is not None or condition(), deadline_s)
+            if self._fault is not None:
+                raise self._fault
+            if not done:
+                raise PortError(
+                    self._driver.port,
+                    f"the board on {self._driver.port} did not get there in time; start again",
+                )
+
+
+def calibrate(robot: SceneDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
+    """Walk through every servo of the board; the last answer to each question counts.
+
+    Args:
+        robot: With the calibration that the driver of `mover` has, as the first guess.
+        mover: Moves the servos.
+        ask: Asks the person.
+        say: Tells the person.
+
+    Returns:
+        The new calibrations, in packet order.
+
+    Raises:
+        CalibrationAbortedError: the person typed q.
+        PortError: the board is lost.
+    """
+    assert robot.board is not None
+    say("Enter takes what is shown, q ends without a change. Hands off the horns: the servos move now.")
+    results = []
+    for number, servo in enumerate(robot.board.servos, start=1):
+        say(f"\n{servo.joint}, servo {number} of {len(robot.board.servos)}")
+        results.append(calibrated(servo, _observe(robot, servo, mover, ask, say)))
+    return tuple(results)
+
+
+def _observe(
+    robot: SceneDescription, servo: ServoCalibration, mover: ServoMover, ask: Ask, say: Say
+) -> Observed:
+    rest = byte_to_angle(servo.rest_byte, servo)
+    mirrored = _turns_the_other_way(servo, rest, mover, ask)
+    reference = _reference(robot, servo.joint, rest)
+    reached = mover.move(servo.joint, reference)
+    say(f"It should stand at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
+    offset = _nudge(servo, reached, mover, ask, "Correct it: + - (1 deg), ++ -- (5 deg), or degrees")
+    limits = next(joint.limits for joint in robot.joints if joint.name == servo.joint)
+    ends: list[int | None] = []
+    for word, towards in (("smallest", -1), ("largest", 1)):
+        end = limits.lower if servo.sign * towards < 0 else limits.upper
+        fallback = byte_to_angle(servo.byte_min if towards < 0 else servo.byte_max, servo)
+        reached = mover.move(servo.joint, end if math.isfinite(end) else fallback)
+        back = _nudge(
+            servo, reached, mover, ask, f"The {word} servo byte: step back where it strains or touches"
+        )
+        ends.append(mover.sent_byte(servo.joint) if back else None)
+        mover.move(servo.joint, rest)
+    return Observed(mirrored, reference, offset, *ends)
+
+
+def _turns_the_other_way(servo: ServoCalibration, rest: float, mover: ServoMover, ask: Ask) -> bool:
+    while True:
+        mover.move(servo.joint, rest - math.radians(SMALL_MOVE_DEG))
+        mover.move(servo.joint, rest)
+        answer = _answer(ask, "Did it turn to a smaller joint angle and back? [Y/n/again]")
+        if answer in ("", "y", "yes"):
+            return False
+        if answer in ("n", "no"):
+            return True
+
+
+def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, what: str) -> float:
+    """Degrees of the servo that the person added, as far as the limits let them."""
+    offset = 0.0
+    while True:
+        answer = _answer(ask, f"{what} [{offset:+g} deg, byte {mover.sent_byte(servo.joint)}]")
+        if not answer:
+            return offset
+        try:
+            step = NUDGES[answer] if answer in NUDGES else float(answer)
+        except ValueError:
+            continue
+        if math.isfinite(step):
+            wanted = start + servo.sign * math.radians(offset + step)
+            reached = mover.move(servo.joint, wanted)
+            offset = round(servo.sign * math.degrees(reached - start), 6)
+
+
+def _answer(ask: Ask, question: str) -> str:
+    answer = ask(question).strip().lower()
+    if answer == "q":
+        raise CalibrationAbortedError
+    return answer
+
+
+def _reference(robot: SceneDescription, joint: str, rest: float) -> float:
+    """The joint's angle in the robot's first named pose; its rest angle where there is none."""
+    index = robot.joint_names.index(joint)
+    return next((float(pose[index]) for pose in robot.poses.values()), rest)

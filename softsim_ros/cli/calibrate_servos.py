@@ -1,0 +1,80 @@
+"""`softsim calibrate-servos`: walk through a robot's servos in the terminal and write their calibration."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import get_args
+
+from servo_bridge.calibrate import (
+    START_TIMEOUT_S,
+    CalibrationAbortedError,
+    ServoMover,
+    calibrate,
+)
+from servo_bridge.calibration_file import calibrated_robot, default_file, save_calibration
+from servo_bridge.driver import ServoDriver
+from servo_bridge.link import ProtocolChoice
+from servo_bridge.ports import find_port
+from softsim_core.errors import SceneError
+from softsim_core.scene import load_scene
+from softsim_core.scene.description import ServoCalibration
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("robot", help="robot: a name from configs/robots, or a file")
+    parser.add_argument("--port", default="", help="serial port (default: the one board that is plugged in)")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="calibration to begin with and to write")
+    parser.add_argument("--protocol", choices=get_args(ProtocolChoice), default="auto", help="default: auto")
+    parser.add_argument(
+        "--open-wait", type=float, default=2.5, metavar="S", help="quiet time of a board that starts (2.5 s)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Calibrate; the file is written only at the end, when the person says so."""
+    robot = load_scene(arguments.robot)
+    if robot.board is None:
+        raise SceneError(f"robot {robot.name} has no servo board to calibrate")
+    file: Path = arguments.output or default_file(robot.name)
+    if file.exists():
+        robot = calibrated_robot(robot, file)
+        print(f"begins with {file}")
+    driver = ServoDriver(robot, protocol=arguments.protocol)
+    driver.connect(find_port(arguments.port), arguments.open_wait)
+    try:
+        print(f"waiting for the board on {driver.port} ...")
+        mover = ServoMover(driver)
+        try:
+            mover.wait_for_board(arguments.open_wait + START_TIMEOUT_S)
+            servos = calibrate(robot, mover, _ask, print)
+        finally:
+            mover.close()
+    finally:
+        driver.disconnect(relax=True)
+    for servo in servos:
+        print(_summary(servo))
+    if _ask(f"write {file}? [Y/n]").strip().lower() not in ("", "y", "yes"):
+        raise CalibrationAbortedError
+    save_calibration(file, robot.name, servos)
+    print(f"written; the bridge uses it with the parameter calibration:={_parameter(file, robot.name)}")
+    return 0
+
+
+def _ask(question: str) -> str:
+    try:
+        return input(f"{question} ")
+    except EOFError:
+        raise CalibrationAbortedError from None
+
+
+def _parameter(file: Path, robot: str) -> str:
+    return "auto (its default)" if file == default_file(robot) else str(file.resolve())
+
+
+def _summary(servo: ServoCalibration) -> str:
+    return (
+        f"{servo.joint}: sign {servo.sign:+d}, zero {servo.zero_byte}, trim {servo.trim_deg:+g} deg,"
+        f" bytes {servo.byte_min}..{servo.byte_max}, rest {servo.rest_byte}"
+    )
