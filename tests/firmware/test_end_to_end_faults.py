@@ -82,6 +82,23 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
     assert (tmp_path / "log.txt").stat().st_size == 0
 
 
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_missing_emulator_is_one_sentence(tmp_path: Path, ros_domain: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", "emulated", "--headless"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=90.0,
+        check=False,
+        env={**os.environ, "SOFTSIM_SIMAVR": "/no/such/library", "XDG_RUNTIME_DIR": str(tmp_path)},
+    )
+    assert ended.returncode == 1
+    assert "apt-get install libsimavr2" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize("mode", [0o444, 0o000])
 def test_a_port_that_may_not_be_written_says_what_to_run(tmp_path: Path, mode: int) -> None:
     with EmulatedBoardPty(link=tmp_path / "board") as board:
