@@ -8,7 +8,7 @@ from types import TracebackType
 
 from servo_bridge.emulator.intel_hex import read_image
 from servo_bridge.emulator.pulses import Pulse, PulseLog
-from servo_bridge.emulator.simavr import EXTERNAL, FREQUENCY, POWER_ON, Processor
+from servo_bridge.emulator.simavr import BAUD_RATE, EXTERNAL, FREQUENCY, POWER_ON, Processor
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"
 """The firmware of this package."""
@@ -24,6 +24,7 @@ class EmulatedBoard:
         hex_path: Firmware; None for this package's own.
         bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
         log_length: Pulses kept in `pulses`; older ones are forgotten.
+        baud_rate: Speed of the line to the board.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
@@ -35,6 +36,7 @@ class EmulatedBoard:
         hex_path: Path | str | None = None,
         bootloader: Path | str | None = None,
         log_length: int = 1_000_000,
+        baud_rate: int = BAUD_RATE,
     ) -> None:
         image = [read_image(FIRMWARE if hex_path is None else hex_path)]
         start = 0
@@ -45,7 +47,12 @@ class EmulatedBoard:
         self._log = PulseLog(log_length)
         self._sent = bytearray()
         self._processor = Processor(
-            image, start, self._log.edge, self._sent.append, lambda: self._log.reset(self._processor.cycle)
+            image,
+            start,
+            self._log.edge,
+            self._sent.append,
+            lambda: self._log.reset(self._processor.cycle),
+            baud_rate,
         )
 
     @property
@@ -95,7 +102,7 @@ class EmulatedBoard:
         self._sent.clear()
 
     def feed(self, data: bytes) -> None:
-        """Put bytes on the line; as time passes they arrive one after the other at 115200 baud."""
+        """Put bytes on the line; as time passes they arrive one after the other."""
         self._processor.feed(data)
 
     def run(self, seconds: float) -> None:

@@ -27,6 +27,7 @@ from types import TracebackType
 from servo_bridge.emulator.board import EmulatedBoard
 from servo_bridge.emulator.errors import EmulatorError
 from servo_bridge.emulator.pulses import Pulse
+from servo_bridge.emulator.simavr import BAUD_RATE
 from servo_bridge.port_link import make_link, remove_link
 
 SLICE_S = 0.004
@@ -44,6 +45,7 @@ class EmulatedBoardPty:
         hex_path: Firmware; None for this package's own.
         bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
+        baud_rate: Speed of the line to the board; what the port is opened with does not matter.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
@@ -56,9 +58,10 @@ class EmulatedBoardPty:
         hex_path: Path | str | None = None,
         bootloader: Path | str | None = None,
         link: Path | str | None = None,
+        baud_rate: int = BAUD_RATE,
     ) -> None:
         self.link = None if link is None else Path(link)
-        self._board = EmulatedBoard(hex_path, bootloader, LOG_LENGTH)
+        self._board = EmulatedBoard(hex_path, bootloader, LOG_LENGTH, baud_rate)
         self._changed = threading.Condition()
         self._opened = False
         self._open_count = 0

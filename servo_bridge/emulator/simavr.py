@@ -20,6 +20,8 @@ each point found by a wrong measurement:
 * A core that is done or has crashed stands still in time: a loop until some moment would never end.
 * An external reset must set its bit in MCUSR by hand, or a boot loader does not know why it runs. The RAM
   keeps its contents over a reset, as on the chip.
+* The I2C bus leaves its flag "done" set while a byte is on its way, and says of an acknowledged address what
+  belongs to a byte: the flag is cleared here, the firmware takes both for acknowledged.
 * A new prescaler of a running watchdog counts only from the next time it is fed.
 * The callbacks must stay referenced as long as the core lives, and the library's log needs a place to go.
 * The layout of the C structures is the same in simavr 1.6 and 1.7, and checked at start.
@@ -36,12 +38,13 @@ from collections.abc import Callable
 from typing import Any
 
 from servo_bridge.emulator.errors import EmulatorError, EmulatorMissingError
+from servo_bridge.emulator.i2c import I2cRegisters
 
 FREQUENCY = 16_000_000
 """Cycles a second of the board's crystal."""
 
-BYTE_CYCLES = 1389
-"""Cycles of one byte (10 bits) on a line of 115200 baud."""
+BAUD_RATE = 115200
+"""Speed of the line to the board, where nothing else is asked for."""
 
 FLASH_SIZE = 0x8000
 POWER_ON, EXTERNAL = 1 << 0, 1 << 1
@@ -57,6 +60,7 @@ _UART_FIFO_READ, _UART_FIFO_WRITE, _UART_CYCLES_PER_BYTE = 576, 578, 592
 
 _RUNNING, _DONE, _CRASHED = 2, 6, 7
 _MCUSR = 0x54
+_TWCR, _TWINT = 0xBC, 1 << 7
 _RAM_START, _RAM_SIZE = 0x100, 0x800
 _RUN_LIMIT = 1000
 _HAND_OVER_CYCLES = 8
@@ -161,6 +165,7 @@ class Processor:
         on_pin: Called with (channel 0..2, level 0 or 1, cycle) at every edge of pins 9, 10, 11.
         on_byte: Called with every byte that the firmware sends.
         on_reset: Called after every reset that the watchdog made.
+        baud_rate: Speed of the line to the board; a byte takes ten bits.
 
     Raises:
         EmulatorMissingError: no usable libsimavr here.
@@ -174,6 +179,7 @@ class Processor:
         on_pin: Callable[[int, int, int], None],
         on_byte: Callable[[int], None],
         on_reset: Callable[[], None],
+        baud_rate: int = BAUD_RATE,
     ) -> None:
         self._library = load_library()
         for address, data in image:
@@ -185,6 +191,8 @@ class Processor:
         self._library.avr_init(core)
         self._core: int = core
         self._on_reset = on_reset
+        self._byte_cycles = round(10 * FREQUENCY / baud_rate)
+        self._bus_hooks: list[Any] = []
         self._waiting: deque[int] = deque()
         self._feeding = False
         self.lost_bytes = 0
@@ -204,6 +212,7 @@ class Processor:
         assert memory is not None
         self._ram = (ctypes.c_uint8 * _RAM_SIZE).from_address(memory + _RAM_START)
         self._flash = (ctypes.c_uint8 * FLASH_SIZE).from_address(flash)
+        self._bus_control = ctypes.c_uint8.from_address(memory + _TWCR)
         self._mcusr = ctypes.c_uint8.from_address(memory + _MCUSR)
         for address, piece in image:
             self._flash[address : address + len(piece)] = list(piece)
@@ -232,11 +241,28 @@ class Processor:
         return len(self._waiting)
 
     def feed(self, data: bytes) -> None:
-        """Put bytes on the line to the board; as time passes they arrive one by one at 115200 baud."""
+        """Put bytes on the line to the board; as time passes they arrive one by one."""
         self._waiting.extend(data)
         if self._waiting and not self._feeding:
             self._feeding = True
-            self._library.avr_cycle_timer_register(self._core, BYTE_CYCLES, self._feed_timer, None)
+            self._library.avr_cycle_timer_register(self._core, self._byte_cycles, self._feed_timer, None)
+
+    def attach(self, device: I2cRegisters) -> None:
+        """Put a device on the I2C bus."""
+        library, core = self._library, self._core
+        bus = _ioctl_code("twi\0")
+        into = library.avr_io_getirq(core, bus, 0)
+        control = self._bus_control
+
+        def hook(irq: int, value: int, parameter: int) -> None:
+            answer = device.answer(value)
+            control.value &= ~_TWINT
+            if answer is not None:
+                library.avr_raise_irq(into, answer)
+
+        function = _IrqFunction(hook)
+        self._bus_hooks.append(function)
+        library.avr_irq_register_notify(library.avr_io_getirq(core, bus, 1), function, None)
 
     def run_to(self, cycle: int) -> None:
         """Let time pass until a cycle; it ends at most one instruction late.
@@ -334,4 +360,4 @@ class Processor:
             self._uart_byte_time.value = _HAND_OVER_CYCLES
             self._library.avr_raise_irq(self._receive_irq, value)
             self._uart_byte_time.value = usual
-        return when + BYTE_CYCLES
+        return when + self._byte_cycles

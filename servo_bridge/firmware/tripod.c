@@ -17,6 +17,10 @@
 #include <stdint.h>
 #include <util/atomic.h>
 
+#if defined(IMU) && !defined(LEGACY_ONLY)
+#define LEGACY_ONLY /* the text protocol has neither frames nor telemetry */
+#endif
+
 #define PROTOCOL_VERSION 1
 #define FIRMWARE_MAJOR 1
 #define FIRMWARE_MINOR 0
@@ -132,21 +136,6 @@ ISR(TIMER1_COMPA_vect)
     OCR1A = edge - EARLY_TICKS;
     if ((int16_t)(OCR1A - TCNT1) < MARGIN_TICKS) /* a moment already gone would come again only after 33 ms */
         OCR1A = TCNT1 + MARGIN_TICKS;
-}
-
-/* Ticks from some moment on, modulo 2^32 (36 minutes): for differences. */
-static uint32_t now_ticks(void)
-{
-    uint32_t frames;
-    uint16_t start, counter;
-    ATOMIC_BLOCK(ATOMIC_FORCEON)
-    {
-        frames = frame_ticks;
-        start = frame_start;
-        counter = TCNT1;
-    }
-    /* frame_start runs ahead of the counter for the last millisecond of a frame */
-    return frames + (uint32_t)(int32_t)(int16_t)(counter - start - FRAME_TICKS / 2);
 }
 
 /* ---- serial line ----------------------------------------------------------------------------------------- */
@@ -281,6 +270,25 @@ static void move_one_frame(void)
 }
 
 /* ---- parser ---------------------------------------------------------------------------------------------- */
+
+#ifdef IMU
+#include "imu.h"
+#else
+
+/* Ticks from some moment on, modulo 2^32 (36 minutes): for differences. */
+static uint32_t now_ticks(void)
+{
+    uint32_t frames;
+    uint16_t start, counter;
+    ATOMIC_BLOCK(ATOMIC_FORCEON)
+    {
+        frames = frame_ticks;
+        start = frame_start;
+        counter = TCNT1;
+    }
+    /* frame_start runs ahead of the counter for the last millisecond of a frame */
+    return frames + (uint32_t)(int32_t)(int16_t)(counter - start - FRAME_TICKS / 2);
+}
 
 static enum { IDLE, LEGACY, TYPE, SEQUENCE, PAYLOAD, CRC_HIGH, CRC_LOW } state;
 static uint32_t packet_started;
@@ -465,6 +473,8 @@ static void parse(uint8_t byte)
 #endif
 }
 
+#endif /* IMU */
+
 /* ---- telemetry ------------------------------------------------------------------------------------------- */
 
 #ifndef LEGACY_ONLY
@@ -553,6 +563,9 @@ static void start(void)
     wdt_enable(WDTO_250MS);
 #endif
     sei();
+#ifdef IMU
+    imu_start();
+#endif
 #ifndef LEGACY_ONLY
     send_banner();
 #endif
@@ -571,6 +584,9 @@ static void serve_frame(void)
         stuck_mark = 0;
     }
     move_one_frame();
+#ifdef IMU
+    imu_look();
+#endif
 #ifndef LEGACY_ONLY
     static uint8_t beat;
     beat += 2; /* 20 Hz from 50 Hz: every 5 halves of a frame */
@@ -588,7 +604,11 @@ int main(void)
         while (rx_tail != rx_head) {
             uint8_t byte = rx_ring[rx_tail];
             rx_tail = (rx_tail + 1) & (RX_SIZE - 1);
+#ifdef IMU
+            parse_text(byte);
+#else
             parse(byte);
+#endif
             if (move_due)
                 break; /* a saturated line must not keep the frame waiting */
         }

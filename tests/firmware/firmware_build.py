@@ -36,7 +36,7 @@ def compiler_version() -> str:
 def build(folder: Path, switches: str = "") -> Path:
     """Build the firmware into a folder; returns the hex file."""
     compiler_version()
-    for name in ("tripod.c", "Makefile"):
+    for name in ("tripod.c", "imu.h", "Makefile"):
         shutil.copy(FIRMWARE / name, folder)
     subprocess.run(
         ["make", "-s", "-C", str(folder), f"SWITCHES={switches}"], check=True, capture_output=True, text=True
