@@ -92,7 +92,10 @@ def load_library() -> ctypes.CDLL:
     with _library_lock:
         if _library is None:
             library = _open_library()
-            _declare(library)
+            try:
+                _declare(library)
+            except AttributeError as error:
+                raise EmulatorMissingError(f"{library._name} is no simavr ({error}); {INSTALL}") from error
             library.avr_global_logger_set(_silent)
             _check_layout(library)
             _library = library

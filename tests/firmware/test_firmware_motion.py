@@ -200,6 +200,19 @@ def test_a_reset_starts_without_pulses(board: EmulatedBoard) -> None:
     assert frames.read_banner(parsed[0]).reset_cause == 2
 
 
+def test_a_reset_in_mid_pulse_is_told_apart(board: EmulatedBoard) -> None:
+    stream(board, legacy(90, 120, 150), 0.1)
+    first = [pulse for pulse in board.pulses if pulse.channel == 0][-1]
+    whole = len(board.pulses)
+    middle = first.start_s + 0.0207  # 0.7 ms into the next frame's pulse
+    board.run(middle - board.time_s)
+    board.reset()
+    assert [pulse.channel for pulse in board.cut_pulses] == [0]
+    assert board.cut_pulses[0].width_us == pytest.approx(700.0, abs=2.0)
+    board.run(0.1)
+    assert len(board.pulses) == whole
+
+
 def test_two_runs_are_the_same(make_board: Callable[[], EmulatedBoard]) -> None:
     seen = []
     for _ in range(2):
