@@ -13,7 +13,7 @@ import pytest
 import serial
 
 from servo_bridge.errors import PortError
-from servo_bridge.ports import find_port
+from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.transport import SerialTransport, opening_sentence
 from servo_bridge.virtual_board import VirtualBoard
 
@@ -160,3 +160,27 @@ def test_no_board_is_a_sentence(tmp_path: Path) -> None:
         PortError, match=r"no board found \(serial ports seen: /dev/ttyS0\); plug the board in"
     ):
         find_port(ports=[BUILT_IN], by_id=tmp_path / "absent")
+
+
+def test_a_board_that_comes_back_under_another_number_is_found_again(tmp_path: Path) -> None:
+    old, new, by_id = tmp_path / "ttyACM0", tmp_path / "ttyACM1", tmp_path / "by-id"
+    by_id.mkdir()
+    link = by_id / "usb-Arduino-if00"
+    old.write_text("")
+    link.symlink_to(old)
+    stable = stable_name(str(old), by_id)
+    assert stable == str(link)
+    assert find_again(str(old), stable) == str(old)
+    old.rename(new)
+    assert find_again(str(old), stable) == str(old)  # gone altogether: the name of the person in the message
+    link.unlink()
+    link.symlink_to(new)
+    assert find_again(str(old), stable) == str(link)
+    assert find_again(str(old), "") == str(old)
+    assert stable_name("/dev/ttyS7", by_id) == "/dev/ttyS7"
+    assert stable_name("/dev/ttyS7", tmp_path / "absent") == "/dev/ttyS7"
+
+
+def test_who_else_may_hold_the_port_is_named() -> None:
+    assert "ModemManager" in opening_sentence("/dev/ttyACM0", OSError(errno.EBUSY, "busy"))
+    assert "99-tripod.rules" in opening_sentence("/dev/ttyACM0", PermissionError(errno.EACCES, "no"))
