@@ -49,6 +49,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene",
     "softsim_core.scene.description",
     "softsim_core.scene.files",
+    "softsim_core.scene.yaml_source",
 )
 """What servo_bridge uses of the core: errors, units, limits, and the description and loader of robots."""
 
