@@ -146,7 +146,11 @@ def opening_sentence(port: str, error: BaseException) -> str:
 
 
 def _is_usb_adapter(port: str) -> bool:
-    return Path(port).name.startswith("ttyUSB") or Path(os.path.realpath(port)).name.startswith("ttyUSB")
+    try:
+        target = os.path.realpath(port)
+    except OSError:  # the link vanishes at this very moment
+        target = port
+    return Path(port).name.startswith("ttyUSB") or Path(target).name.startswith("ttyUSB")
 
 
 def _error_number(error: BaseException | None) -> int | None:

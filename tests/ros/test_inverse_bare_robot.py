@@ -64,5 +64,6 @@ def test_a_goal_moves_the_bytes_and_its_end_holds_them(
         assert spin_until(lambda: all(abs(byte - 103) <= 1 for byte in board.servo_bytes)), board.servo_bytes
         reached = board.servo_bytes
         assert controller.end() == 0
-        assert board.servo_bytes == reached  # no jump at its end; the bridge's own rules follow
+        after = zip(board.servo_bytes, reached, strict=True)
+        assert all(abs(a - b) <= 1 for a, b in after)  # no jump at its end; the bridge's own rules follow
         assert bridge.end() == 0
