@@ -410,6 +410,9 @@ class InverseSettings:
                 raise FieldError("inverse", name, list(getattr(self, name)), "three numbers >= 0")
         if not 0.0 < self.gain <= 1.0:
             raise FieldError("inverse", "gain", self.gain, "> 0 and <= 1")
+        for name in ("lower", "upper"):
+            if math.isnan(getattr(self, name) or 0.0):
+                raise FieldError("inverse", name, math.nan, "a number (or absent)")
         if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
             raise FieldError("inverse", "lower", self.lower, f"<= upper = {self.upper}")
 

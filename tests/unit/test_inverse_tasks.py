@@ -1,0 +1,99 @@
+"""Effector tasks: errors, their derivatives against finite differences, target limiting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softsim_core.arrays import Array
+from softsim_core.inverse.tasks import (
+    HeightTiltTask,
+    OrientationTask,
+    PoseTask,
+    PositionTask,
+    Task,
+    limited,
+    task_for,
+    tilt_of,
+)
+from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
+from softsim_core.scene.description import InverseSettings
+
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def pose(rng: np.random.Generator, angle: float) -> Pose:
+    """A random place, turned by at most `angle` [rad] an axis."""
+    return Pose(rng.uniform(-0.05, 0.05, 3), quaternion_of(rotation_exp(rng.uniform(-angle, angle, 3))))
+
+
+def tasks(rng: np.random.Generator) -> list[Task]:
+    goal, weights = pose(rng, 0.8), rng.uniform(0.1, 2.0, 6)
+    return [
+        PositionTask(goal.position, weights[:3]),
+        OrientationTask(goal.quaternion_xyzw, weights[3:]),
+        HeightTiltTask(0.04, *rng.uniform(-0.5, 0.5, 2), weights[:3]),
+        PoseTask(goal, weights),
+    ]
+
+
+def moved(current: Pose, motion: Array) -> Pose:
+    rotation = rotation_exp(motion[3:]) @ rotation_of(current.quaternion_xyzw)
+    return Pose(current.position + motion[:3], quaternion_of(rotation))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_jacobians_are_the_derivatives_of_the_errors(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    current, effector = pose(rng, 0.8), rng.normal(size=(6, 4))
+    for task in tasks(rng):
+        numeric = [
+            (task.error(moved(current, -1e-6 * column)) - task.error(moved(current, 1e-6 * column))) / 2e-6
+            for column in effector.T
+        ]
+        np.testing.assert_allclose(
+            task.jacobian(effector, current), np.column_stack(numeric), rtol=1e-6, atol=1e-7
+        )
+        assert len(task.weights) == len(task.angular) == len(task.error(current))
+
+
+def test_errors_vanish_at_the_goal() -> None:
+    rng = np.random.default_rng(1)
+    goal = pose(rng, 0.5)
+    for kind in ("position", "orientation", "height_tilt", "pose"):
+        task = task_for(goal, InverseSettings(task=kind))  # type: ignore[arg-type]
+        assert np.abs(task.error(goal)).max() < 1e-12
+
+
+def test_height_and_tilt_do_not_see_a_turn_about_the_effector_s_own_axis() -> None:
+    rng = np.random.default_rng(2)
+    current = pose(rng, 0.3)
+    turned = rotation_of(current.quaternion_xyzw) @ rotation_exp(np.array([0.0, 0.0, 1.2]))
+    task = HeightTiltTask(0.03, 0.1, -0.2, np.ones(3))
+    same = Pose(current.position, quaternion_of(turned))
+    np.testing.assert_allclose(task.error(same), task.error(current), rtol=0, atol=1e-12)
+
+
+def test_tilt_is_the_rotation_vector_of_a_frame_without_twist() -> None:
+    tilt = np.array([0.3, -0.2, 0.0])
+    assert tilt_of(quaternion_of(rotation_exp(tilt))) == pytest.approx(tilt[:2])
+    assert tilt_of(UPRIGHT) == (0.0, 0.0)
+    error = HeightTiltTask(0.0, 0.3, -0.2, np.ones(3)).error(Pose(np.zeros(3), UPRIGHT))
+    np.testing.assert_allclose(error, [0.0, 0.3, -0.2], atol=1e-12)
+
+
+def test_a_frame_upside_down_still_has_a_finite_error() -> None:
+    down = quaternion_of(rotation_exp(np.array([np.pi, 0.0, 0.0])))
+    for task in (HeightTiltTask(0.0, 0.0, 0.0, np.ones(3)), OrientationTask(UPRIGHT, np.ones(3))):
+        assert np.isfinite(task.error(Pose(np.zeros(3), down))).all()
+        assert np.isfinite(task.jacobian(np.ones((6, 2)), Pose(np.zeros(3), down))).all()
+
+
+def test_target_limiting_keeps_the_direction() -> None:
+    error = np.array([0.03, -0.06, 0.1])
+    angular = (False, False, True)
+    near = limited(error, angular, 0.01, 1.0)
+    np.testing.assert_allclose(near, error / 6.0)
+    np.testing.assert_allclose(limited(error, angular, 1.0, 0.05), error / 2.0)
+    np.testing.assert_array_equal(limited(error, angular, 1.0, 1.0), error)
+    np.testing.assert_array_equal(limited(np.zeros(3), angular, 0.01, 1.0), np.zeros(3))
