@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import sys
 import time
@@ -18,6 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import ok, try_shutdown
 
 from softsim_ros.cli.message_text import message_text
+from softsim_ros.messages.types import load_message
 
 SETTLED_S = 1.0
 """The graph counts as known when nothing new has appeared for this long."""
@@ -112,17 +112,6 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
         _turn(node)
         seen.report()
     return 0
-
-
-def load_message(type_name: str) -> type:
-    """The class of a type such as "sensor_msgs/msg/JointState".
-
-    Raises:
-        ImportError, AttributeError: its package is not installed, or has no such type.
-    """
-    package, _, name = type_name.split("/")
-    loaded: type = getattr(importlib.import_module(f"{package}.msg"), name)
-    return loaded
 
 
 def matching_qos(publishers: list[Any]) -> QoSProfile:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+EXTRAS = "test,recording,report"  # of pyproject.toml, on every machine; ros where its wheels fit
 NEEDED_BYTES = 1_500_000_000  # measured: 1.1 GB on disk, and the wheels pass through a cache
 TAIL_LINES, TAIL_COLUMNS = 15, 200
 BEAT_S = 0.2  # of the moving line in a terminal
@@ -228,7 +229,8 @@ def install(root: Path, home: Path, stamp: str) -> None:
             )
         unfinished.touch()
         stamp_file.unlink(missing_ok=True)
-        make_environment(root, home, Stages(home / "install.log", total=4), "test" if missing else "ros,test")
+        extras = EXTRAS if missing else f"ros,{EXTRAS}"
+        make_environment(root, home, Stages(home / "install.log", total=4), extras)
         stamp_file.write_text(stamp + "\n", encoding="utf-8")
         unfinished.unlink()
 

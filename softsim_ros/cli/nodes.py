@@ -35,6 +35,9 @@ NODES = {
         "softsim_ros",
         "tilts the goal until the measured tilts are the wanted ones (measure:=imu)",
     ),
+    "recorder": NodeEntry(
+        "softsim_ros.recording.recorder_node", "softsim_ros", "records a robot's topics (robot:=tripod)"
+    ),
     "servo_bridge": NodeEntry(
         "servo_bridge.bridge_node", "servo_bridge", "writes servo packets to a serial port (port:=/dev/...)"
     ),

@@ -24,6 +24,7 @@ setup(
             "closed_loop = softsim_ros.inverse.closed_loop_node:main",
             "inverse_controller = softsim_ros.inverse.inverse_node:main",
             "path_follower = softsim_ros.inverse.path_follower_node:main",
+            "recorder = softsim_ros.recording.recorder_node:main",
             "simulator = softsim_ros.simulator.simulator_node:main",
             "softsim = softsim_ros.cli:main",
             "teleop = softsim_ros.teleop.teleop_node:main",

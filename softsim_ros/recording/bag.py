@@ -1,0 +1,164 @@
+"""Reading bags: topics, messages in time order, decoded without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from softsim_ros.recording.errors import BagError
+from softsim_ros.recording.torn_files import is_torn
+
+
+class RawMessage(NamedTuple):
+    """A message as it was recorded.
+
+    Attributes:
+        topic: Full name.
+        stamp_ns: When it came, in [ns] since 1970.
+        data: Serialised (CDR).
+    """
+
+    topic: str
+    stamp_ns: int
+    data: bytes
+
+
+class Bag:
+    """A rosbag2 folder or a single MCAP or SQLite file, open for reading in a `with` block.
+
+    Args:
+        path: Folder with metadata.yaml, or one storage file.
+
+    Attributes:
+        path: What was opened.
+        robot: Name of the robot, from the metadata; else the namespace.
+        namespace: Namespace of the robot, such as "/tripod"; "/" where the bag does not tell.
+
+    Raises:
+        BagError: it cannot be read; says what to do.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.expanduser()
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        try:
+            self._reader = Reader(storage_of(self.path))
+            self._reader.open()
+        except (ReaderError, OSError) as error:
+            raise BagError(self.path, f"cannot be read ({error})") from error
+        notes = getattr(self._reader.storage.metadata, "custom", None) or {}
+        self.namespace = str(notes.get("namespace") or self._common_namespace())
+        self.robot = str(notes.get("robot") or self.namespace.strip("/"))
+        self._register_types()
+
+    def __enter__(self) -> Bag:
+        """Open already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type of each topic that has messages."""
+        return {each.topic: each.msgtype for each in self._reader.connections if each.msgcount}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages on each topic."""
+        counts: dict[str, int] = {}
+        for each in self._reader.connections:
+            counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
+        return counts
+
+    @property
+    def begin_ns(self) -> int:
+        """Stamp of the first message in [ns] since 1970."""
+        return int(self._reader.start_time)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first message to the last in [s]."""
+        return max(0.0, 1e-9 * (self._reader.end_time - 1 - self._reader.start_time))
+
+    def topic(self, name: str) -> str:
+        """Full name of a topic of the robot: "joint_states" is "/tripod/joint_states"."""
+        return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
+
+    def offered_qos(self, topic: str) -> Qos | None:
+        """What its publisher offered; None where the bag does not tell."""
+        for each in self._connections([topic]):
+            if isinstance(each.ext, ConnectionExtRosbag2) and each.ext.offered_qos_profiles:
+                return each.ext.offered_qos_profiles[0]
+        return None
+
+    def raw_messages(
+        self, topics: Collection[str] | None = None, since_ns: int | None = None, before_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """Messages in the order of their stamps.
+
+        Args:
+            topics: Full names to take; None takes all.
+            since_ns: First stamp.
+            before_ns: First stamp that is left out.
+
+        Raises:
+            BagError: the file is damaged.
+        """
+        connections = self._reader.connections if topics is None else self._connections(topics)
+        if not connections:
+            return
+        try:
+            for connection, stamp, data in self._reader.messages(connections, since_ns, before_ns):
+                yield RawMessage(connection.topic, stamp, data)
+        except (ReaderError, OSError) as error:
+            raise BagError(self.path, f"is damaged ({error})") from error
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Stamp in [ns] and decoded message of one topic, given by its full name."""
+        type_name = self.topics.get(topic)
+        if type_name is None:
+            return
+        for message in self.raw_messages([topic]):
+            yield message.stamp_ns, self._types.deserialize_cdr(message.data, type_name)
+
+    def _connections(self, topics: Collection[str]) -> list[Connection]:
+        return [each for each in self._reader.connections if each.topic in topics]
+
+    def _common_namespace(self) -> str:
+        for each in self._reader.connections:
+            if each.topic.endswith("/joint_states"):
+                return each.topic.removesuffix("/joint_states") or "/"
+        return "/"
+
+    def _register_types(self) -> None:
+        """Learn the message types that the bag describes and the reader does not know."""
+        for each in self._reader.connections:
+            if each.msgtype not in self._types.fielddefs and each.msgdef.data:
+                self._types.register(get_types_from_msg(each.msgdef.data, each.msgtype))
+
+
+def storage_of(path: Path) -> Path:
+    """What to open: the folder where it has metadata, else its only storage file.
+
+    Raises:
+        BagError: there is no bag, or its recorder was killed.
+    """
+    if not path.exists():
+        raise BagError(path, "does not exist; record one with: softsim record")
+    files = sorted(path.glob("*.mcap")) + sorted(path.glob("*.db3")) if path.is_dir() else [path]
+    if not files:
+        raise BagError(path, "is no bag: neither a .mcap nor a .db3 file in it")
+    if any(file.suffix == ".mcap" and is_torn(file) for file in files):
+        raise BagError(
+            path, f"was not closed: its recorder still runs, or was killed (softsim record --repair {path})"
+        )
+    if (path / "metadata.yaml").is_file() or len(files) > 1:
+        return path
+    return files[0]

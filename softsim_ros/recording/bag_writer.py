@@ -1,0 +1,137 @@
+"""A rosbag2 folder with one MCAP file, written so that a crash loses at most the last second."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Literal
+
+from rosbags.interfaces import Connection, Qos
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+from rosbags.typesys import Stores, get_typestore
+
+from softsim_ros.recording.errors import RecordingError
+from softsim_ros.recording.torn_files import end_torn_file
+
+VERSION: Literal[9] = 9
+"""Version of the folder's metadata: ROS 2 Jazzy's."""
+
+
+class BagWriter:
+    """Writes serialised messages of several topics in the order they come.
+
+    Args:
+        folder: The bag; must not exist yet.
+        notes: Kept in the bag's metadata as custom data: the robot and its namespace.
+
+    Attributes:
+        folder: The bag.
+        count: Messages written.
+
+    Raises:
+        RecordingError: the folder exists or cannot be made.
+    """
+
+    def __init__(self, folder: Path, notes: dict[str, str]) -> None:
+        self.folder, self.count = folder, 0
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Connection] = {}
+        self._newest = 0
+        self._begin = 0
+        try:
+            self._writer = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            for key, value in notes.items():
+                self._writer.set_custom_data(key, value)
+            self._writer.open()
+        except WriterError:
+            raise RecordingError(f"{folder} exists already and is kept; record to another folder") from None
+        except OSError as error:
+            raise RecordingError(
+                f"cannot record to {folder}: {error.strerror}; choose another folder"
+            ) from error
+        storage: Any = self._writer.storage
+        self._file = storage  # the MCAP file, whose chunks `flush` closes
+        self._file.bio.flush()
+        fcntl.flock(self._file.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # tells `repair` that somebody writes
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics added so far."""
+        return tuple(self._connections)
+
+    @property
+    def size(self) -> int:
+        """Bytes on the disk and waiting to go there (these not compressed yet)."""
+        return int(self._file.bio.tell()) + int(self._file.chunk.bio.tell())
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first message to the last one, in [s]."""
+        return 1e-9 * (self._newest - self._begin)
+
+    def knows(self, type_name: str) -> bool:
+        """Whether messages of a type such as "sensor_msgs/msg/JointState" can be described in a bag."""
+        return type_name in self._types.fielddefs
+
+    def add_topic(self, topic: str, type_name: str, offered: Sequence[Qos] = ()) -> None:
+        """Announce a topic before its first message; known ones are left as they are."""
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, type_name, typestore=self._types, offered_qos_profiles=list(offered)
+            )
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Append a message.
+
+        Args:
+            topic: A topic that was added.
+            stamp_ns: When it came, in [ns] since 1970; a clock that was set back is held.
+            data: The serialised message (CDR).
+
+        Raises:
+            RecordingError: it cannot be written (disk full); the bag is closed with what it holds.
+        """
+        self._newest = max(self._newest, stamp_ns)
+        self._begin = self._begin or self._newest
+        try:
+            self._writer.write(self._connections[topic], self._newest, data)
+        except OSError as error:
+            self._give_up(error)
+        self.count += 1
+
+    def flush(self) -> None:
+        """Bring everything so far to the operating system: it outlives a crash of this process.
+
+        Raises:
+            RecordingError: as `write`.
+        """
+        try:
+            if self._file.chunk.bio.tell():
+                self._file.close_chunk()
+            self._file.bio.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self) -> None:
+        """Write index and metadata; the bag is complete.
+
+        Raises:
+            RecordingError: as `write`.
+        """
+        try:
+            self._writer.close()
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, cause: OSError) -> None:
+        """Leave a readable file behind and say why it ends here."""
+        with suppress(OSError):
+            self._writer.abort()
+        kept = "what was written before could not be closed: see softsim record --repair"
+        with suppress(OSError):
+            end_torn_file(self._file.path)
+            kept = "what was written before can be read"
+        raise RecordingError(f"recording to {self.folder} stopped: {cause.strerror}; {kept}") from cause
