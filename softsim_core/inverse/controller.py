@@ -22,6 +22,7 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, NotConvergedError, SolverDivergedError
+from softsim_core.inverse.damping import AdaptiveDamping
 from softsim_core.inverse.problem import QP, Limits, build
 from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.solver import Solution, need_daqp, solve
@@ -42,6 +43,9 @@ USELESS = 0.02
 
 PATIENCE = 10
 """Ticks in a row that must lead nowhere before a goal counts as unreachable."""
+
+PATIENCE_STALLED = 100
+"""Or that bring it no nearer than ever, whatever they promise (near a branch of equilibria: much)."""
 
 RESAMPLE = 0.02
 """Joint travel in [rad] or [m] after which a sampled sensitivity is taken anew."""
@@ -112,11 +116,13 @@ class InverseController:
         self.model = Simulation(replace(scene, bodies=bodies, controllers=(), start=None), backend)
         self.model.enforce_limits = False  # this class keeps them
         self.limits = Limits.of(scene, self.settings, scene.dt)
-        self._goal: Pose | None = None
         self._posture = self._posture_from(self.model.joint_targets)
         self._sampled_at: Array | None = None
         self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
-        self._forget()
+        self._goal: Pose | None = None
+        self._correction = np.zeros(6)
+        self._useless = 0
+        self._damping = AdaptiveDamping(len(scene.joints), self.settings.lever)
 
     @property
     def period(self) -> float:
@@ -158,7 +164,6 @@ class InverseController:
             )
         place(self.model, wanted, shift)
         self._posture = self._posture_from(wanted)
-        self._goal = None
         self._sampled_at = None
         self._forget()
 
@@ -182,8 +187,10 @@ class InverseController:
                     "(x, y, z, w); the goal stays"
                 )
             goal = Pose(position, quaternion / norm)
+        if goal is None or self._goal is None or _differ(goal, self._goal):
+            self._useless = 0
+            self._damping.rest()
         self._goal = goal
-        self._useless = 0
 
     def tick(self, measured: Pose | None = None) -> InverseReport:
         """One dt: an increment towards the goal, within all limits; without goal the command stays.
@@ -210,6 +217,8 @@ class InverseController:
         diverged = not self._advance(solution.dq)
         pose = effector(self.model)
         residual = self._residual(pose, measured)
+        distance = residual[0] + self.settings.lever * residual[1]
+        self._damping.learn(solution.dq, distance, there=self._is_there(residual))
         if diverged:
             status = "diverged"
         elif self._goal is not None and solution.status == "solved":
@@ -229,6 +238,7 @@ class InverseController:
         qp = build(
             [task], self._sensitivity, pose, self.command, self.model.joint_efforts, self.limits,
             self.settings, gain=self.settings.gain, posture=self._posture,
+            damping=self._damping.at(self._sensitivity),
         )  # fmt: skip
         return qp, begun
 
@@ -267,9 +277,13 @@ class InverseController:
         self._useless = self._useless + 1 if remains > (1.0 - USELESS) * wanted and not rushing else 0
 
     def _progress(self, residual: tuple[float, float]) -> InverseStatus:
-        if residual[0] <= self.settings.tolerance and residual[1] <= self.settings.tolerance_turn:
+        if self._is_there(residual):
             return "reached"
-        return "unreachable" if self._useless >= PATIENCE else "moving"
+        missed = self._useless >= PATIENCE or self._damping.stalled >= PATIENCE_STALLED
+        return "unreachable" if missed else "moving"
+
+    def _is_there(self, residual: tuple[float, float]) -> bool:
+        return residual[0] <= self.settings.tolerance and residual[1] <= self.settings.tolerance_turn
 
     # --- feedback ---
 
@@ -310,8 +324,11 @@ class InverseController:
         return joints.copy() if name is None else np.array(self.scene.poses[name])
 
     def _forget(self) -> None:
-        self._correction: Array = np.zeros(6)
+        """Begin anew, at rest and without goal."""
+        self._goal = None
         self._useless = 0
+        self._correction = np.zeros(6)
+        self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
 
     # --- words ---
 
@@ -336,6 +353,12 @@ class InverseController:
         if self.settings.feedback_gain == 0.0 and any(mismatch):
             return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
         return sentence
+
+
+def _differ(goal: Pose, other: Pose) -> bool:
+    """Whether two goals are different places."""
+    same = np.array_equal(goal.position, other.position)
+    return not (same and np.array_equal(goal.quaternion_xyzw, other.quaternion_xyzw))
 
 
 def _difference(measured: Pose, pose: Pose) -> Array:

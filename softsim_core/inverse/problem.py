@@ -4,8 +4,8 @@
     subject to  lower <= dq <= upper,    G dq <= h
 
 e is the tasks' error, J its derivative, tau the joint efforts, T their derivative. The bounds keep joint
-interval and speed, the rows keep torque limits and whatever else is given (contacts). c vanishes with e
-(Levenberg-Marquardt): it slows a step towards a far goal and moves no equilibrium.
+interval and speed, the rows keep torque limits and whatever else is given (contacts). c (Levenberg-Marquardt)
+slows a step and moves no equilibrium.
 """
 
 from __future__ import annotations
@@ -22,11 +22,8 @@ from softsim_core.inverse.tasks import Task, limited
 from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.description import InverseSettings, SceneDescription
 
-DAMPING = 1e-2
-"""Of a step towards an error at max_shift, as a part of the mean curvature of the tasks; grows with e^2."""
-
 FLOOR = 1e-12
-"""Least damping, as a part of the mean curvature: the program stays strictly convex."""
+"""Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex."""
 
 
 class Constraint(NamedTuple):
@@ -103,6 +100,7 @@ def build(
     *,
     gain: float = 1.0,
     posture: Array | None = None,
+    damping: float = 0.0,
     constraints: Sequence[Constraint] = (),
 ) -> QP:
     """The program of one step; see the module.
@@ -118,17 +116,17 @@ def build(
         settings: Weights and limits of the target.
         gain: Share of the error to take away.
         posture: q_posture in [rad] or [m], shape (j,); needed with a posture weight.
+        damping: c in [m^2/rad^2] or [-], >= 0.
         constraints: Further rows.
     """
     size = len(joints)
-    P, q, far = np.zeros((size, size)), np.zeros(size), 0.0
+    P, q = np.zeros((size, size)), np.zeros(size)
     for task in tasks:
         J = task.weights[:, None] * task.jacobian(sensitivity.effector, current)
         e = task.error(current)
         near = gain * limited(e, task.angular, settings.max_shift, settings.max_turn)
         P += J.T @ J
         q -= J.T @ (task.weights * near)
-        far = max(far, float(np.abs(task.weights * near).max(initial=0.0)) / settings.max_shift)
     scale = max(float(np.trace(P)) / size, 1e-300)
     T = sensitivity.effort
     if settings.effort_weight > 0.0:
@@ -139,7 +137,8 @@ def build(
         weight = settings.posture_weight * scale
         P[np.diag_indices(size)] += weight
         q += weight * (joints - posture)
-    P[np.diag_indices(size)] += scale * (FLOOR + DAMPING * far * far)
+    P[np.diag_indices(size)] += scale * FLOOR + damping
+    scale = max(float(np.trace(P)) / size, 1e-300)
 
     back, forth = limits.lower - joints, limits.upper - joints
     rows = [torque_rows(T, efforts, limits, gain), *constraints]

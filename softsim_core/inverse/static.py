@@ -2,7 +2,8 @@
 
     dq_k = argmin QP(e(x_k), J(x_k)),    q_k+1 = q_k + dq_k,    x_k+1 the equilibrium at q_k+1
 
-A step that does not shorten the weighted error is taken back and the next may go half as far.
+A step that does not shorten the weighted error is taken back and the next may go half as far. With compiled
+steps the model walks to each equilibrium in simulated time, which is quicker; the last one is solved for.
 
 Source: Nocedal and Wright 2006, ch. 10 (Gauss-Newton, trust region).
 """
@@ -16,7 +17,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
-from softsim_core.errors import NotConvergedError
+from softsim_core.errors import NotConvergedError, SolverDivergedError
 from softsim_core.inverse.problem import Limits, build
 from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.inverse.solver import Solution, solve
@@ -27,7 +28,7 @@ from softsim_core.scene.description import InverseSettings, SceneDescription
 MOST_STEPS = 10
 """Quadratic programs of one search, unless told otherwise."""
 
-STEP_SHARE = 0.3
+STEP_SHARE = 0.5
 """Part of a joint's interval that the first step may cross."""
 
 FREE_STEP = 0.5
@@ -39,8 +40,17 @@ STILL = 1e-6
 CERTAIN = 1e-4
 """A step below this, in [rad] or [m], is not taken back: what changes then is rounding."""
 
-RAMP_STEPS = 100
-"""Time steps in which `place` walks a model to where no static search gets."""
+STRIDE = 0.05
+"""Largest joint travel in [rad] or [m] of a time step of a walk."""
+
+SLIDE = 0.002
+"""Travel in [m] of the bases in a time step of a walk."""
+
+AT_REST = 1e-8
+"""A walk ends when no node is faster than this, in [m/s]."""
+
+LONGEST_REST = 300
+"""Or after this many time steps at its end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +91,7 @@ def solve_pose(
 
     Args:
         model: A scene, which is simulated with its bases where its start move leaves them; or a simulation,
-            which goes to the solution.
+            which goes to the solution (time passes) and should have no controllers of its own.
         tasks: The goal.
         start: Joints to search from in [rad] or [m], shape (j,); None: the simulation's commands, or the
             scene's start pose.
@@ -104,7 +114,8 @@ def solve_pose(
     span = limits.upper - limits.lower
     limits = replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP))
     joints = limits.clamp(simulation.joint_targets if start is None else np.asarray(start, dtype=float))
-    simulation.settle(joints)
+    if not np.array_equal(joints, simulation.joint_targets):
+        simulation.settle(joints)
     return _search(simulation, goals, settings, limits, most_steps)
 
 
@@ -115,11 +126,11 @@ def _search(
     joints = posture = simulation.joint_targets
     if settings.posture is not None:
         posture = np.array(simulation.scene.poses[settings.posture])
-    done, solution = 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
+    reach, done, solution = limits, 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
     sensitivity, before = sensitivity_of(simulation, settings), _length(tasks, effector(simulation))
     while done < most_steps:
         qp = build(
-            tasks, sensitivity, effector(simulation), joints, simulation.joint_efforts, limits, wide,
+            tasks, sensitivity, effector(simulation), joints, simulation.joint_efforts, reach, wide,
             posture=posture,
         )  # fmt: skip
         solution, done = solve(qp), done + 1
@@ -127,17 +138,31 @@ def _search(
         if solution.status != "solved" or step == 0.0:
             break
         trial, back = limits.clamp(joints + solution.dq), simulation.snapshot()
-        worse = not _settles(simulation, trial)
+        worse = not _goes(simulation, trial)
         after = before if worse else _length(tasks, effector(simulation))
         if worse or (after > before and step > CERTAIN):
             simulation.restore(back)
-            limits = replace(limits, step=np.full_like(joints, 0.5 * step))
+            reach = replace(limits, step=np.full_like(joints, 0.5 * step))
             continue
         joints, before = trial, after
+        reach = replace(limits, step=np.minimum(2.0 * reach.step, limits.step))
         if step <= STILL:
             break
         sensitivity = sensitivity_of(simulation, settings)
+    if simulation.backend == "numba":
+        _settles(simulation, joints)
     return _result(simulation, tasks, settings, joints, done, solution)
+
+
+def _goes(simulation: Simulation, joints: Array) -> bool:
+    """Go to the equilibrium at given joints the quickest way; False: there is none."""
+    if simulation.backend != "numba":
+        return _settles(simulation, joints)
+    try:
+        walk(simulation, joints, simulation.base_shift)
+    except SolverDivergedError:
+        return False
+    return True
 
 
 def _settles(simulation: Simulation, joints: Array) -> bool:
@@ -216,10 +241,26 @@ def place(simulation: Simulation, joints: Array, base_shift: float) -> None:
     try:
         simulation.settle(joints, base_shift)
     except NotConvergedError:
-        first = simulation.joint_targets
-        for part in np.linspace(0.0, 1.0, RAMP_STEPS):
-            simulation.base_shift = part * base_shift
+        walk(simulation, joints, base_shift)
+
+
+def walk(simulation: Simulation, joints: Array, base_shift: float) -> None:
+    """Move joints and bases evenly in simulated time, limits or not, then wait for rest.
+
+    Raises:
+        SolverDivergedError: the simulation is somewhere on the way.
+    """
+    enforced, simulation.enforce_limits = simulation.enforce_limits, False
+    try:
+        first, shift = simulation.joint_targets, simulation.base_shift
+        travel = float(np.abs(joints - first).max(initial=0.0)) / STRIDE + abs(base_shift - shift) / SLIDE
+        for part in np.linspace(0.0, 1.0, int(np.ceil(travel)) + 1)[1:]:
+            simulation.base_shift = shift + part * (base_shift - shift)
             simulation.command(first + part * (joints - first))
             simulation.step()
-        for _ in range(RAMP_STEPS):
+        for _ in range(LONGEST_REST):
             simulation.step()
+            if np.abs(simulation.velocities).max(initial=0.0) < AT_REST:
+                break
+    finally:
+        simulation.enforce_limits = enforced

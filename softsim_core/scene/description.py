@@ -374,7 +374,7 @@ class InverseSettings:
     orientation_weights: Vector = (1.0, 1.0, 1.0)
     lever: float = 0.03
     gain: float = 0.5
-    max_shift: float = 0.010
+    max_shift: float = 0.030
     max_turn: float = 0.2
     effort_weight: float = 1.0e-6
     posture_weight: float = 0.0

@@ -1,0 +1,82 @@
+"""How much the increments of inverse control are damped, learned from tick to tick.
+
+Far from the goal and near it a program wants little damping; where a goal is out of reach, or the effector
+hardly moves with its joints, increments would swing. Damping slows a step and moves no equilibrium.
+
+Source: Nocedal and Wright 2006, ch. 10 (Levenberg-Marquardt).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.inverse.sensitivity import Sensitivity
+
+LEAST = 1e-6
+"""Damping of a calm approach, as a part of the largest mean curvature seen since the start."""
+
+CAUTION, TRUST, MOST = 4.0, 0.95, 1000.0
+"""Damping grows by CAUTION when an increment turns back on the last one, up to MOST, and shrinks by TRUST
+otherwise."""
+
+TIRING, PROGRESS = 1.04, 1e-5
+"""Each tick that brings a missed goal no nearer than ever, by a part PROGRESS of the distance, raises the
+least damping by TIRING: what the slow modes of a soft body keep swinging comes to rest."""
+
+LONGEST = 1000
+"""Ticks without progress that count."""
+
+NOISE = 1e-9
+"""Increments below this, in [rad] or [m], tell nothing about swinging."""
+
+
+class AdaptiveDamping:
+    """Damping of the next program.
+
+    Args:
+        size: Number of joints j.
+        lever: Length in [m] at which an angle counts.
+    """
+
+    def __init__(self, size: int, lever: float) -> None:
+        self._lever = lever
+        self._curvature = 0.0
+        self._last = np.zeros(size)
+        self.rest()
+
+    @property
+    def stalled(self) -> int:
+        """Ticks in a row, up to LONGEST, that brought a missed goal no nearer than ever."""
+        return self._stalled
+
+    def rest(self) -> None:
+        """Another goal: what was learned about the last one is forgotten."""
+        self._share, self._stalled, self._best = LEAST, 0, math.inf
+
+    def at(self, sensitivity: Sensitivity) -> float:
+        """Damping in [m^2/rad^2] or [-] of a program with this sensitivity."""
+        shift, turn = sensitivity.effector[:3], self._lever * sensitivity.effector[3:]
+        curvature = float(np.vdot(shift, shift) + np.vdot(turn, turn)) / shift.shape[1]
+        self._curvature = max(self._curvature, curvature)
+        return self._share * self._curvature
+
+    def learn(self, dq: Array, distance: float, *, there: bool) -> None:
+        """Take note of a tick; without progress towards a missed goal the damping only grows.
+
+        Args:
+            dq: Its increments in [rad] or [m], shape (j,).
+            distance: From the goal after it in [m], an angle counted at the lever.
+            there: Whether that counts as reached.
+        """
+        progress = there or distance < (1.0 - PROGRESS) * self._best
+        self._stalled = 0 if progress else min(self._stalled + 1, LONGEST)
+        self._best = min(self._best, distance)
+        noticeable = min(float(np.abs(dq).max()), float(np.abs(self._last).max())) > NOISE
+        if noticeable and float(dq @ self._last) < 0.0:
+            self._share = min(CAUTION * self._share, MOST)
+        else:
+            self._share = max(TRUST * self._share, min(LEAST * TIRING**self._stalled, MOST))
+        self._last = dq
