@@ -10,13 +10,12 @@ from softsim_core.mesh import TetMesh, boundary, box_mesh
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
-    Box,
     JointDescription,
     MaterialDescription,
-    Placement,
     SceneDescription,
     SolverSettings,
 )
+from softsim_core.scene.values import Box, Placement
 
 GRAVITY = 9.81
 """In [m/s^2]."""

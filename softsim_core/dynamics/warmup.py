@@ -9,11 +9,11 @@ from softsim_core.mesh import box_mesh
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
-    Box,
     JointDescription,
     MaterialDescription,
     SceneDescription,
 )
+from softsim_core.scene.values import Box
 
 
 def small_scene() -> SceneDescription:

@@ -15,66 +15,31 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError, listing
 from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.objects import (
+    CableDescription,
+    CollisionDescription,
+    ContactSettings,
+    RigidBodyDescription,
+)
+from softsim_core.scene.values import (
+    Box,
+    FieldError,
+    MeshFile,
+    Placement,
+    Sphere,
+    Vector,
+    need_finite,
+    need_positive,
+    need_unit,
+)
 
 if TYPE_CHECKING:
     from softsim_core.dynamics.simulation import Simulation
 
-Vector: TypeAlias = tuple[float, float, float]
 Backend: TypeAlias = Literal["auto", "numba", "scipy"]
 RotationLaw: TypeAlias = Literal["polar", "qr"]
 EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
 Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
-
-
-class FieldError(SceneError):
-    """A field of a description is out of range; carries the field's name, for loaders to name the key."""
-
-    def __init__(self, owner: str, field: str, value: object, allowed: str) -> None:
-        self.field, self.value, self.allowed = field, value, allowed
-        super().__init__(f"{owner}: {field} must be {allowed}, not {value}")
-
-
-def _need_positive(owner: str, field: str, value: float, unit: str) -> None:
-    if not 0.0 < value < math.inf:  # also rejects NaN
-        raise FieldError(owner, field, value, f"> 0 {unit}".rstrip())
-
-
-def _need_finite(owner: str, field: str, values: tuple[float, ...]) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise FieldError(owner, field, list(values), "finite")
-
-
-def _need_unit(owner: str, field: str, axis: Vector) -> None:
-    if not math.isclose(math.hypot(*axis), 1.0, rel_tol=1e-6):  # also rejects NaN and infinity
-        raise FieldError(owner, field, list(axis), "a direction of length 1")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Placement:
-    """Where something sits: scale, then rotate about fixed x, then y, then z, then translate.
-
-    Attributes:
-        scale: Factor from file units to [m] (0.001 for a file in millimetres), > 0.
-        rotation_deg: Angles about the fixed x, y, z axes in [deg], applied in that order.
-        translation: Shift in [m].
-    """
-
-    scale: float = 1.0
-    rotation_deg: Vector = (0.0, 0.0, 0.0)
-    translation: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        _need_positive("placement", "scale", self.scale, "")
-        _need_finite("placement", "rotation_deg", self.rotation_deg)
-        _need_finite("placement", "translation", self.translation)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeshFile:
-    """A mesh file and its placement; a relative path is relative to the file that names it."""
-
-    file: Path
-    placement: Placement = Placement()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +50,7 @@ class MaterialDescription:
     poisson_ratio: float
 
     def __post_init__(self) -> None:
-        _need_positive("material", "young_modulus", self.young_modulus, "Pa")
+        need_positive("material", "young_modulus", self.young_modulus, "Pa")
         if not -1.0 < self.poisson_ratio < 0.5:
             raise FieldError(
                 "material", "poisson_ratio", self.poisson_ratio, "between -1 and 0.5 (both excluded)"
@@ -113,36 +78,9 @@ class BodyDescription:
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
 
     def __post_init__(self) -> None:
-        _need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
+        need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
         if not all(0.0 <= channel <= 1.0 for channel in self.colour):
             raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
-    """Nodes inside an oriented box, faces included: centre and full size in [m], turned as in Placement."""
-
-    center: Vector
-    size: Vector
-    rotation_deg: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        _need_finite("box", "center", self.center)
-        _need_finite("box", "rotation_deg", self.rotation_deg)
-        if not all(0.0 < edge < math.inf for edge in self.size):
-            raise FieldError("box", "size", list(self.size), "three lengths > 0 m")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sphere:
-    """Nodes inside a sphere, surface included: centre and radius in [m]."""
-
-    center: Vector
-    radius: float
-
-    def __post_init__(self) -> None:
-        _need_finite("sphere", "center", self.center)
-        _need_positive("sphere", "radius", self.radius, "m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,8 +89,10 @@ class JointDescription:
 
     Attributes:
         name: Unique name; the order of joints in the scene is the order of commands.
-        kind: revolute ([rad] about `axis`) or prismatic ([m] along `axis`).
-        base: Base frame in the world (its scale is not used).
+        kind: revolute ([rad] about `axis`), prismatic ([m] along `axis`) or cable ([m] of travel).
+        cable: What a joint of kind cable pulls; it has no frame and no axis.
+        parent: Name of a prismatic joint before it in the list that carries this joint's base.
+        base: Base frame in the world, the parent at rest (its scale is not used).
         axis: Unit axis in the base frame, through its origin.
         limits: Position interval and top speed.
         rest: Position at which the scene is built, in [rad] or [m].
@@ -164,7 +104,9 @@ class JointDescription:
     """
 
     name: str
-    kind: Literal["revolute", "prismatic"] = "revolute"
+    kind: Literal["revolute", "prismatic", "cable"] = "revolute"
+    cable: CableDescription | None = None
+    parent: str | None = None
     base: Placement = Placement()
     axis: Vector = (0.0, 1.0, 0.0)
     limits: JointLimits = JointLimits()
@@ -176,14 +118,18 @@ class JointDescription:
 
     def __post_init__(self) -> None:
         owner = f"joint {self.name}"
-        _need_unit(owner, "axis", self.axis)
-        _need_unit(owner, "slide_axis", self.slide_axis)
-        _need_finite(owner, "rest", (self.rest,))
+        need_unit(owner, "axis", self.axis)
+        need_unit(owner, "slide_axis", self.slide_axis)
+        need_finite(owner, "rest", (self.rest,))
         if self.stiffness is not None:
-            _need_positive(owner, "stiffness", self.stiffness, "(or absent)")
+            need_positive(owner, "stiffness", self.stiffness, "(or absent)")
         for field_name, value in (("inertia", self.inertia), ("horn_length", self.horn_length)):
             if not 0.0 <= value < math.inf:
                 raise FieldError(owner, field_name, value, ">= 0")
+        if (self.kind == "cable") != (self.cable is not None):
+            raise SceneError(f"{owner}: `cable` and kind = cable belong together; give both or neither")
+        if self.kind == "cable" and (self.stiffness is not None or self.parent is not None):
+            raise SceneError(f"{owner}: a cable takes no stiffness and no parent; remove them")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,8 +217,8 @@ class StartAnimation:
     at_start: bool = False
 
     def __post_init__(self) -> None:
-        _need_positive("start animation", "duration", self.duration, "s")
-        _need_finite("start animation", "base_shift", (self.base_shift,))
+        need_positive("start animation", "duration", self.duration, "s")
+        need_finite("start animation", "base_shift", (self.base_shift,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,7 +234,7 @@ class KeyBinding:
     def __post_init__(self) -> None:
         if sum((bool(self.joints), self.pose is not None, self.action is not None)) != 1:
             raise SceneError(f"key binding {self.help!r}: give exactly one of joints, pose and action")
-        _need_finite(f"key binding {self.help!r}", "by", (self.by,))
+        need_finite(f"key binding {self.help!r}", "by", (self.by,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -338,7 +284,7 @@ class BoardDescription:
             raise FieldError("board", "baud_rate", self.baud_rate, "> 0 bits/s")
         if not 180 < self.header <= 255:
             raise FieldError("board", "header", self.header, "in 181..255, above every servo byte")
-        _need_positive("board", "rate", self.rate, "Hz")
+        need_positive("board", "rate", self.rate, "Hz")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -395,7 +341,7 @@ class InverseSettings:
         for name, unit in (*units, ("tolerance_turn", "rad"), ("speed", ""), ("torque_limit", "")):
             value = getattr(self, name)
             if value is not None:
-                _need_positive("inverse", name, value, unit)
+                need_positive("inverse", name, value, unit)
         for name in (
             "effort_weight",
             "posture_weight",
@@ -446,6 +392,9 @@ class SceneDescription:
     bodies: tuple[BodyDescription, ...] = ()
     joints: tuple[JointDescription, ...] = ()
     attachments: tuple[AttachmentDescription, ...] = ()
+    rigid_bodies: tuple[RigidBodyDescription, ...] = ()
+    collisions: tuple[CollisionDescription, ...] = ()
+    contact: ContactSettings = ContactSettings()
     effector: str | None = None
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
     commands: CommandSettings = CommandSettings()
@@ -460,12 +409,13 @@ class SceneDescription:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", str(self.name)):
             allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
             raise FieldError("scene", "name", repr(self.name), allowed)
-        _need_positive(f"scene {self.name}", "dt", self.dt, "s")
-        _need_finite(f"scene {self.name}", "gravity", self.gravity)
+        need_positive(f"scene {self.name}", "dt", self.dt, "s")
+        need_finite(f"scene {self.name}", "gravity", self.gravity)
         for kind, names in (
-            ("body", [body.name for body in self.bodies]),
+            ("body", self.body_names),
             ("joint", self.joint_names),
             ("attachment", [attachment.name for attachment in self.attachments]),
+            ("collision", [collision.name for collision in self.collisions]),
         ):
             for name in names:
                 if list(names).count(name) > 1:
@@ -477,8 +427,15 @@ class SceneDescription:
         """Joint names in command order."""
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the deformable bodies, then of the rigid ones."""
+        return (*(body.name for body in self.bodies), *(body.name for body in self.rigid_bodies))
+
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
+        slides = [joint.name for joint in self.joints if joint.kind == "prismatic"]
+        frames = [joint.name for joint in self.joints if joint.kind != "cable"]
         free = [attachment.name for attachment in self.attachments if attachment.to == "free"]
 
         def known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
@@ -487,15 +444,28 @@ class SceneDescription:
 
         for attachment in self.attachments:
             known("body", attachment.body, bodies)
-            known("attachment target", attachment.to, ("world", "free", *joints))
-            known("joint", attachment.relative_to, joints)
+            known("attachment target", attachment.to, ("world", "free", *frames))
+            known("joint", attachment.relative_to, frames)
+        for j, each in enumerate(self.joints):
+            known(
+                f"parent of joint {each.name} (a prismatic joint before it)",
+                each.parent,
+                [name for name in slides if name in joints[:j]],
+            )
+            if each.cable is not None:
+                known(f"body of cable {each.name}", each.cable.body, bodies)
+                known(f"pull_on of cable {each.name}", each.cable.pull_on, frames)
+        for rigid in self.rigid_bodies:
+            known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames))
+        for collision in self.collisions:
+            known(f"body of collision {collision.name}", collision.body, self.body_names)
         known("effector (an attachment with to = free)", self.effector, free)
         for pose, values in self.poses.items():
             if len(values) != len(joints):
                 raise SceneError(
                     f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints"
                 )
-            _need_finite(f"scene {self.name}", f"poses.{pose}", values)
+            need_finite(f"scene {self.name}", f"poses.{pose}", values)
         if self.start is not None:
             known("pose", self.start.pose, tuple(self.poses))
         known("pose", self.inverse.posture, tuple(self.poses))

@@ -17,17 +17,13 @@ from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
-    Box,
     Controller,
     JointDescription,
     MaterialDescription,
-    MeshFile,
-    Placement,
-    Sphere,
-    Vector,
 )
 from softsim_core.scene.files import config_file
 from softsim_core.scene.scene import Part, animated
+from softsim_core.scene.values import Box, MeshFile, Placement, Sphere, Vector
 
 if TYPE_CHECKING:
     from softsim_core.dynamics.simulation import Simulation

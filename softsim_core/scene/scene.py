@@ -20,8 +20,8 @@ from softsim_core.scene.description import (
     SceneDescription,
     SolverSettings,
     StartAnimation,
-    Vector,
 )
+from softsim_core.scene.values import Vector
 
 if TYPE_CHECKING:
     from softsim_core.dynamics.simulation import Simulation

@@ -21,7 +21,8 @@ import numpy as np
 
 from softsim_core.errors import ConfigError, SceneError, listing
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.description import Controller, FieldError, MeshFile, SceneDescription
+from softsim_core.scene.description import Controller, SceneDescription
+from softsim_core.scene.values import FieldError, MeshFile
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 
 Hook = Callable[[Any, Any], Any]

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import MeshFile, Placement, RotationLaw, SceneDescription
+from softsim_core.scene.description import RotationLaw, SceneDescription
 from softsim_core.scene.files import config_file
+from softsim_core.scene.values import MeshFile, Placement
 
 LEVELS = ("low", "mid", "high")
 REFERENCE = "reference_"

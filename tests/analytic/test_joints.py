@@ -14,7 +14,8 @@ from softsim_core.dynamics.statics import solve_static
 from softsim_core.dynamics.stepper import Inputs
 from softsim_core.mechanics.pose import rotation_exp, rotation_log, rotation_of
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import Backend, JointDescription, Placement, SceneDescription
+from softsim_core.scene.description import Backend, JointDescription, SceneDescription
+from softsim_core.scene.values import Placement
 
 MASS, LENGTH = 0.05, 0.1
 AXIS = (0.0, -1.0, 0.0)  # a positive angle lifts the tip

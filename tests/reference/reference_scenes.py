@@ -13,15 +13,9 @@ import numpy as np
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.arrays import Array
 from softsim_core.scene import Scene, load_scene
-from softsim_core.scene.description import (
-    CommandSettings,
-    MeshFile,
-    Placement,
-    SceneDescription,
-    SolverSettings,
-    StartAnimation,
-)
+from softsim_core.scene.description import CommandSettings, SceneDescription, SolverSettings, StartAnimation
 from softsim_core.scene.parts import elastic_body, tripod
+from softsim_core.scene.values import MeshFile, Placement
 
 SILICONE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
 """From the frame of the reference's silicone meshes to ours."""

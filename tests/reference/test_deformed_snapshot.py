@@ -22,11 +22,10 @@ from softsim_core.scene.description import (
     Backend,
     BodyDescription,
     MaterialDescription,
-    MeshFile,
-    Placement,
     SceneDescription,
     SolverSettings,
 )
+from softsim_core.scene.values import MeshFile, Placement
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 

@@ -18,7 +18,7 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.scene.description import Placement
+from softsim_core.scene.values import Placement
 
 # file: nodes, tets, volume, min / max dihedral, min / mean radius ratio, slivers, min / max edge,
 # triangles and points of the boundary

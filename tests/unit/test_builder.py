@@ -11,7 +11,8 @@ from softsim_core.mechanics.model import FREE, HELD
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import AttachmentDescription, JointDescription, Sphere
+from softsim_core.scene.description import AttachmentDescription, JointDescription
+from softsim_core.scene.values import Sphere
 
 MESH = box_mesh((0.04, 0.01, 0.01), (4, 1, 1))
 
@@ -89,7 +90,7 @@ def test_a_free_frame_on_a_point_or_a_line_is_refused(radius: float) -> None:
 
 
 def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:
-    from softsim_core.scene.description import Placement
+    from softsim_core.scene.values import Placement
 
     base = Placement(translation=(0.04, 0.005, 0.005), rotation_deg=(0.0, 0.0, 90.0))
     hinge = JointDescription(name="hinge", base=base)

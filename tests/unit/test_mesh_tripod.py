@@ -23,7 +23,7 @@ from softsim_core.mesh import (
     rotation_matrix,
 )
 from softsim_core.mesh.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silicone
-from softsim_core.scene.description import Placement
+from softsim_core.scene.values import Placement
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 NODES = {"low": 246, "mid": 765, "high": 1536}

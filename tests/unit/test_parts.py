@@ -16,7 +16,8 @@ from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene import Part, Scene, parts
-from softsim_core.scene.description import Controller, MeshFile, Placement, SceneDescription
+from softsim_core.scene.description import Controller, SceneDescription
+from softsim_core.scene.values import MeshFile, Placement
 
 
 def described(*items: Any) -> SceneDescription:

@@ -19,15 +19,12 @@ from softsim_core.scene import SceneDescription, load_scene, load_yaml
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
-    Box,
     JointDescription,
     MaterialDescription,
-    MeshFile,
-    Placement,
     SolverSettings,
-    Sphere,
 )
 from softsim_core.scene.structure import structure_scene, unstructure_scene
+from softsim_core.scene.values import Box, MeshFile, Placement, Sphere
 from softsim_core.scene.yaml_source import SourcedMapping, key_path
 
 MINIMAL = """\

@@ -10,7 +10,8 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.model import HELD
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import Box, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.values import Box
 
 
 class PeerMissingError(ImportError):
