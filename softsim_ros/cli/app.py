@@ -34,6 +34,7 @@ COMMANDS = {
         "softsim_ros.cli.topics", "list the live topics, print their messages, measure their rate"
     ),
     "record": Command("softsim_ros.cli.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
+    "replay": Command("softsim_ros.cli.replay", "play a bag again, whole or only its commands"),
     "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"

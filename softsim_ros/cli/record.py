@@ -38,13 +38,14 @@ def run(arguments: argparse.Namespace) -> int:
         print("softsim record: a limit must be 0 (none) or more", file=sys.stderr)
         return 2
     try:
-        import rclpy
+        import rclpy  # noqa: F401
     except ImportError as error:
         print(f"softsim record: ROS 2 is not installed here ({error}); see softsim doctor", file=sys.stderr)
         return 1
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
+    from softsim_ros.recording.process import ros_process
     from softsim_ros.recording.recorder_node import Recorder
     from softsim_ros.runtime import spin
 
@@ -55,8 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         "size_limit": arguments.size_limit,
         "time_limit": arguments.time_limit,
     }
-    rclpy.init(args=[])
-    try:
+    with ros_process():
         recorder = Recorder(
             namespace=arguments.namespace or arguments.robot,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
@@ -66,12 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
             executor = SingleThreadedExecutor()
             executor.add_node(recorder)
             spin(executor, lambda: recorder.recording)
-        except KeyboardInterrupt:
-            pass
         finally:
             recorder.close()
-    finally:
-        rclpy.utilities.try_shutdown()
     if recorder.failure is not None:
         print(f"softsim record: {recorder.failure}", file=sys.stderr)
         return 1

@@ -32,6 +32,9 @@ LOOK_PERIOD_S = 0.25
 """New topics and publishers are looked for this often, in [s]."""
 
 FLUSH_PERIOD_S = 1.0
+SILENCE_S = 5.0
+"""Without any message for this long a sentence says so, in [s]."""
+
 DEPTH = 1000
 """Messages of a topic that may wait while the disk is slow."""
 
@@ -94,7 +97,7 @@ class Recorder(ClosableNode):
             self, "size_limit", 0.0, "End at this size in MB; 0.0: no limit", 0.0, 1e9
         )
         self._time_limit = declare_number(
-            self, "time_limit", 0.0, "End after this time in s; 0.0: no limit", 0.0, 1e9
+            self, "time_limit", 0.0, "End this long after the first message, in s; 0.0: no limit", 0.0, 1e9
         )
         self._autostart = declare_switch(
             self, "autostart", True, "Begin at once, without a call of ~/enable", read_only=True
@@ -116,7 +119,7 @@ class Recorder(ClosableNode):
         folder = Path(self._out or f"{self._robot}_{datetime.now():%Y-%m-%d_%H-%M-%S}").expanduser()
         notes = {"robot": self._robot, "namespace": self.get_namespace()}
         self._bag, self.failure = BagWriter(folder, notes), None
-        self._since = time.monotonic()
+        self._since, self._silent = time.monotonic(), True
         self._look()
         return self._say(f"recording to {folder}")
 
@@ -158,7 +161,10 @@ class Recorder(ClosableNode):
         for topic, types in self.get_topic_names_and_types():
             if self._selection.wants(topic) and types:
                 self._hear(self._bag, topic, types[0])
-        if 0.0 < self._time_limit <= time.monotonic() - self._since:
+        if self._silent and time.monotonic() - self._since > SILENCE_S:
+            self._silent = False
+            self._say(f"nothing is published in {self.get_namespace()} yet; waiting")
+        if 0.0 < self._time_limit <= time.monotonic() - self._since and self._bag.count:
             self._end_at(f"the time limit of {self._time_limit:g} s is reached")
 
     def _hear(self, bag: BagWriter, topic: str, type_name: str) -> None:
@@ -195,6 +201,8 @@ class Recorder(ClosableNode):
     def _on_message(self, topic: str, type_name: str, data: bytes) -> None:
         if self._bag is None:
             return
+        if not self._bag.count:
+            self._since, self._silent = time.monotonic(), False
         try:
             self._bag.add_topic(topic, type_name)
             self._bag.write(topic, time.time_ns(), data)

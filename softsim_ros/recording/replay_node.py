@@ -1,0 +1,194 @@
+"""The node `replay`: a bag's messages again, byte for byte, at the times they came."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import Executor
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from std_srvs.srv import SetBool, Trigger
+
+from softsim_ros.messages.types import load_message
+from softsim_ros.recording import replay_source
+from softsim_ros.recording.bag import Bag
+from softsim_ros.recording.errors import BagError, RecordingError
+from softsim_ros.recording.qos import publisher_qos
+from softsim_ros.recording.replay_clock import ReplayClock
+from softsim_ros.recording.replay_source import Event
+from softsim_ros.recording.selection import SHARED
+from softsim_ros.runtime import ClosableNode, declare_number
+
+NODE_NAME = "replay"
+DISCOVERY_S = 1.5
+"""Time to hear of other nodes before anything is said about them, in [s]."""
+
+LISTENER_DEADLINE_S = 15.0
+LOOK_PERIOD_S = 0.05
+"""Services and parameters are served at least this often, in [s]."""
+
+
+class Replay(ClosableNode):
+    """Publishes a bag.
+
+    Args:
+        bag: What to play, open.
+        namespace: Where to play it; None takes the namespace it was recorded in.
+        commands_only: Only what moves joints, for a simulator that runs; else everything.
+        context: rclpy context; None takes the default one.
+        speed: Seconds of the bag a second; the parameter `speed` changes it.
+        start_s: Leave out that much of the beginning in [s]; the newest latched messages come all the same.
+
+    Raises:
+        BagError: nothing to play, or messages of a type that is not installed.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        *,
+        namespace: str | None = None,
+        commands_only: bool = False,
+        context: Context | None = None,
+        speed: float = 1.0,
+        start_s: float = 0.0,
+    ) -> None:
+        target = bag.namespace if namespace is None else namespace
+        super().__init__(NODE_NAME, context=context, namespace=target)
+        self._bag, self._commands_only = bag, commands_only
+        self._since_ns = bag.begin_ns + round(1e9 * start_s)
+        self._playhead = ReplayClock(time.monotonic())
+        self.sent = 0
+        try:
+            self._topics = replay_source.command_topics(bag) if commands_only else list(bag.topics)
+            if start_s > bag.duration_s or not self._topics:
+                raise BagError(
+                    bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
+                )
+            declare_number(self, "speed", speed, "Seconds of the bag a second", 0.001, 1000.0)
+            self._playhead.set_speed(speed, time.monotonic())
+            self._types = {topic: self._message_type(topic) for topic in self._topics}
+            self._senders: dict[str, Publisher] = {}
+            self._simulator = {
+                name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
+            }
+            self.create_service(SetBool, "~/pause", self._on_pause)
+            self.add_on_set_parameters_callback(self._on_parameters)
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def target(self, topic: str) -> str:
+        """Where a recorded topic is published: the namespace it was recorded in becomes this node's."""
+        recorded = self._bag.namespace.rstrip("/") + "/"
+        if topic.startswith(recorded) and topic not in SHARED:
+            return f"{self.get_namespace().rstrip('/')}/{topic[len(recorded) :]}"
+        return topic
+
+    def prepare(self, executor: Executor, *, reset: bool = False) -> None:
+        """Make the publishers; with commands, wait until somebody listens.
+
+        Args:
+            executor: Serves this node.
+            reset: Call the simulator's reset before anything is sent.
+
+        Raises:
+            RecordingError: another node publishes the same topics, or nobody takes the commands.
+        """
+        self._serve(executor, DISCOVERY_S)
+        if not self._commands_only:
+            self._refuse_rivals()
+        for topic in self._topics:
+            qos = publisher_qos(self._bag.offered_qos(topic))
+            self._senders[topic] = self.create_publisher(self._types[topic], self.target(topic), qos)
+        if self._commands_only:
+            first = self._senders[self._topics[0]]
+            if not self._serve(executor, LISTENER_DEADLINE_S, lambda: first.get_subscription_count() > 0):
+                raise RecordingError(
+                    f"nobody listens to {first.topic_name}; start the robot: softsim up {self._bag.robot}"
+                )
+        else:
+            self._serve(executor, DISCOVERY_S)
+        if reset and not self._call("reset", executor):
+            raise RecordingError(
+                f"no answer from {self._simulator['reset'].srv_name}; is a simulator running?"
+            )
+
+    def play(self, executor: Executor) -> None:
+        """Send everything once, from the start; returns early where the context shuts down."""
+        self._playhead.seek(0.0, time.monotonic())
+        served = time.monotonic()
+        for event in self._events():
+            position = 1e-9 * (event.stamp_ns - self._since_ns)
+            while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0:
+                executor.spin_once(timeout_sec=min(wait, LOOK_PERIOD_S))
+                served = time.monotonic()
+                if not executor.context.ok():
+                    return
+            if time.monotonic() - served > LOOK_PERIOD_S:
+                executor.spin_once(timeout_sec=0.0)
+                served = time.monotonic()
+            self._send(event)
+        for publisher in self._senders.values():
+            publisher.wait_for_all_acked(Duration(seconds=5))
+
+    def _events(self) -> Iterator[Event]:
+        if self._commands_only:
+            return replay_source.commands(self._bag, self._since_ns)
+        return replay_source.messages(self._bag, self._topics, self._since_ns)
+
+    def _send(self, event: Event) -> None:
+        if event.message is not None:
+            self._senders[event.message.topic].publish(event.message.data)
+            self.sent += 1
+        elif self._simulator[event.service].service_is_ready():
+            self._simulator[event.service].call_async(Trigger.Request())
+
+    def _call(self, service: str, executor: Executor) -> bool:
+        client = self._simulator[service]
+        if not self._serve(executor, LISTENER_DEADLINE_S, client.service_is_ready):
+            return False
+        future = client.call_async(Trigger.Request())
+        return self._serve(executor, LISTENER_DEADLINE_S, future.done)
+
+    def _serve(self, executor: Executor, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Serve callbacks until a condition holds; False when the time passed first."""
+        end = time.monotonic() + seconds
+        while not until():
+            if time.monotonic() > end or not executor.context.ok():
+                return False
+            executor.spin_once(timeout_sec=LOOK_PERIOD_S)
+        return True
+
+    def _refuse_rivals(self) -> None:
+        for topic in self._topics:
+            target = self.target(topic)
+            if topic not in SHARED and self.count_publishers(target) > 0:
+                raise RecordingError(
+                    f"{target} is published by another node; end that one, replay elsewhere (--namespace "
+                    f"{self.get_namespace().strip('/')}_replay), or only the commands (--commands)"
+                )
+
+    def _message_type(self, topic: str) -> type:
+        type_name = self._bag.topics[topic]
+        try:
+            return load_message(type_name)
+        except (ImportError, AttributeError):
+            raise BagError(
+                self._bag.path, f"{topic} has the type {type_name}, which is not installed here"
+            ) from None
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._playhead.pause(request.data, time.monotonic())
+        response.success, response.message = True, "paused" if request.data else "playing"
+        return response
+
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "speed":
+                self._playhead.set_speed(float(parameter.value), time.monotonic())
+        return SetParametersResult(successful=True)

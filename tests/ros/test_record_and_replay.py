@@ -1,0 +1,190 @@
+"""Recorder and replay as processes: what goes over the topics, into the file and out again."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+from softsim_ros.recording.bag import Bag
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+CLI = "softsim_ros.cli"
+READY_S = 60.0
+COMMANDS = "position_controller/commands"
+
+
+def counts(folder: Path) -> dict[str, int]:
+    with Bag(folder) as bag:
+        return bag.counts
+
+
+@pytest.fixture(scope="module")
+def session(
+    running_tripod: Any, start_process: Callable[..., Any], spin_until: Any, tmp_path_factory: Any
+) -> tuple[Path, list[bytes]]:
+    """A recording of a start animation and thirty commands, and the commands as another node heard them."""
+    folder = tmp_path_factory.mktemp("bags") / "session"
+    client = running_tripod.client
+    heard = client.collect(Float64MultiArray, COMMANDS, raw=True)
+    points = client.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+    recorder = start_process(CLI, "record", "tripod", "--out", str(folder))
+    assert recorder.says("recording to", READY_S), recorder.output
+    # the simulator and the recorder listen, and so does this test
+    assert spin_until(lambda: points.get_subscription_count() == 3, READY_S)
+    mesh = client.node.count_subscribers
+    assert spin_until(lambda: mesh("/tripod/mesh/points") == 1 and mesh("/tripod/joint_states") == 1, READY_S)
+    assert running_tripod.trigger("start")[0]
+    reports = client.collect(DiagnosticArray, "/diagnostics")
+    assert spin_until(lambda: len(reports) > 1, READY_S)
+    numbers = random.Random(5)
+    for count in range(1, 31):
+        points.publish(Float64MultiArray(data=[numbers.uniform(-1.5, -0.8) for _ in range(3)]))
+        assert spin_until(lambda count=count: len(heard) == count, READY_S)
+    assert recorder.end() == 0, recorder.output
+    assert " messages on " in recorder.output
+    client.node.destroy_publisher(points)
+    return folder, [bytes(each) for each in heard]
+
+
+def test_everything_of_the_robot_is_in_the_bag(session: tuple[Path, list[bytes]]) -> None:
+    seen = counts(session[0])
+    assert seen[f"/tripod/{COMMANDS}"] == 30
+    assert seen["/tripod/mesh/topology"] == 1
+    assert seen["/tripod/base_shift"] > 10
+    assert seen["/tripod/joint_states"] == pytest.approx(seen["/tripod/effector_pose"], abs=20)
+    assert seen["/tripod/mesh/points"] > 3
+    assert seen["/diagnostics"] > 0
+    assert "/tripod/mesh/marker" not in seen
+
+
+def test_the_independent_reader_counts_and_stamps_the_same(session: tuple[Path, list[bytes]]) -> None:
+    reader, decoder = pytest.importorskip("mcap.reader"), pytest.importorskip("mcap_ros2.decoder")
+    with Bag(session[0]) as bag:
+        ours = [tuple(message) for message in bag.raw_messages()]
+    with (session[0] / "session.mcap").open("rb") as stream:
+        theirs = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.make_reader(stream).iter_messages()
+        ]
+    assert sorted(theirs) == sorted(ours)
+    assert [stamp for _, stamp, _ in theirs] == sorted(stamp for _, stamp, _ in ours)
+    with (session[0] / "session.mcap").open("rb") as stream:
+        decoded = reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        rows = [message for *_, message in decoded.iter_decoded_messages(topics="/tripod/joint_states")]
+    assert {tuple(row.name) for row in rows} == {("servo_0", "servo_1", "servo_2")}
+
+
+def test_the_commands_are_replayed_byte_for_byte(
+    session: tuple[Path, list[bytes]], start_process: Callable[..., Any], client: Any, spin_until: Any
+) -> None:
+    folder, sent = session
+    heard = client.collect(Float64MultiArray, f"/elsewhere/{COMMANDS}", raw=True)
+    replay = start_process(CLI, "replay", str(folder), "--commands", "--namespace", "elsewhere")
+    assert spin_until(lambda: len(heard) == 30, READY_S), replay.output
+    assert [bytes(each) for each in heard] == sent
+    assert replay.process.wait(READY_S) == 0
+    assert "30 messages sent" in replay.output
+
+
+def test_the_robot_does_again_what_it_did(
+    session: tuple[Path, list[bytes]],
+    running_tripod: Any,
+    start_process: Callable[..., Any],
+    spin_until: Any,
+) -> None:
+    """Reset, start animation, commands: the joints end where the recorded ones were told to go."""
+    with Bag(session[0]) as bag:
+        *_, (_, last) = bag.messages(f"/tripod/{COMMANDS}")
+    states = running_tripod.client.collect(JointState, "joint_states")
+    replay = start_process(CLI, "replay", str(session[0]), "--commands", "--reset", "--speed", "2.0")
+    assert replay.process.wait(READY_S) == 0, replay.output
+    assert spin_until(
+        lambda: states and list(states[-1].position) == pytest.approx(list(last.data), abs=1e-3), READY_S
+    )
+    shifts = running_tripod.client.collect(*latched_shift())
+    assert spin_until(lambda: shifts and shifts[-1].data == pytest.approx(0.035), READY_S)
+
+
+def latched_shift() -> tuple[Any, str, Any]:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64
+
+    return Float64, "base_shift", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_a_whole_replay_gives_way_to_a_simulator(
+    session: tuple[Path, list[bytes]], running_tripod: Any, start_process: Callable[..., Any]
+) -> None:
+    replay = start_process(CLI, "replay", str(session[0]))
+    assert replay.process.wait(READY_S) == 1
+    assert "is published by another node; end that one" in replay.output
+
+
+def test_a_whole_replay_pauses_loops_and_ends_on_a_signal(
+    session: tuple[Path, list[bytes]], start_process: Callable[..., Any], client: Any, spin_until: Any
+) -> None:
+    states = client.collect(JointState, "/copy/joint_states")
+    replay = start_process(CLI, "replay", str(session[0]), "--namespace", "copy", "--loop")
+    recorded = counts(session[0])["/tripod/joint_states"]
+    assert spin_until(lambda: len(states) > 3, READY_S), replay.output
+    assert client.call(SetBool, "/copy/replay/pause", SetBool.Request(data=True)).message == "paused"
+    assert client.call(SetBool, "/copy/replay/pause", SetBool.Request(data=False)).message == "playing"
+    assert spin_until(lambda: len(states) > recorded + 3, READY_S), replay.output  # the second round
+    assert replay.end() == 0
+    assert "Traceback" not in replay.output
+
+
+def test_the_recorder_node_begins_and_ends_when_told(
+    running_tripod: Any, start_process: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    node = "softsim_ros.recording.recorder_node"
+    folder = tmp_path / "told"
+    process = start_process(node, "--ros-args", "-p", "autostart:=false", "-p", f"out:={folder}")
+
+    def enable(on: bool) -> tuple[bool, str]:
+        answer = client.call(SetBool, "recorder/enable", SetBool.Request(data=on))
+        return answer.success, answer.message
+
+    assert enable(False) == (False, "nothing is being recorded")
+    assert enable(True) == (True, f"recording to {folder}")
+    assert not enable(True)[0]
+    ended, sentence = enable(False)
+    assert ended
+    assert " messages on " in sentence
+    again, sentence = enable(True)
+    assert not again
+    assert "exists already and is kept" in sentence
+    assert process.end() == 0
+
+
+@pytest.mark.parametrize(("option", "limit"), [("--time-limit", "1"), ("--size-limit", "0.05")])
+def test_a_limit_ends_the_recording(
+    running_tripod: Any, start_process: Callable[..., Any], tmp_path: Path, option: str, limit: str
+) -> None:
+    recorder = start_process(CLI, "record", "tripod", "--out", str(tmp_path / "bag"), option, limit)
+    assert recorder.process.wait(READY_S) == 0
+    assert "is reached" in recorder.output
+    assert counts(tmp_path / "bag")["/tripod/joint_states"] > 0
+
+
+def test_only_the_named_topics_are_recorded(
+    running_tripod: Any, start_process: Callable[..., Any], tmp_path: Path
+) -> None:
+    recorder = start_process(
+        CLI, "record", "--out", str(tmp_path / "bag"), "--topic", "joint_states", "--time-limit", "1"
+    )
+    assert recorder.process.wait(READY_S) == 0
+    assert list(counts(tmp_path / "bag")) == ["/tripod/joint_states"]
