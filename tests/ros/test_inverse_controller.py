@@ -77,6 +77,10 @@ class Control:
         assert self.spin_until(lambda: self.states and self.states[-1].position[0] < -1.49)
         assert self.spin_until(lambda: self.poses and np.abs(self.states[-1].velocity).max() < 1e-9)
 
+    def hears_the_joints(self) -> bool:
+        """Wait until it can be enabled, and leave it off."""
+        return self.spin_until(lambda: self.enable()[0]) and self.enable(False)[0]
+
     def is_quiet(self) -> bool:
         """Whether no command comes for the time of fifty ticks of the simulator."""
         self.commands.clear()
@@ -102,6 +106,7 @@ def control(controller: Any, tripod: Any, spin_until: Callable[..., bool]) -> It
     each = Control(controller, tripod, spin_until)
     assert each.enable(False)[0]
     each.start_pose()
+    assert each.hears_the_joints()
     yield each
     assert each.enable(False)[0]
 
@@ -283,6 +288,7 @@ def test_its_end_leaves_the_robot_where_it_is(
     assert process.says("ready to control", READY_S), process.output
     control = Control(process, tripod, spin_until)
     control.start_pose()
+    assert control.hears_the_joints()
     assert control.enable()[0]
     goal = control.effector + np.array([0.0, 0.0, 0.005])
     control.goal(*goal)

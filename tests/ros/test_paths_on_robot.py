@@ -79,12 +79,40 @@ def plate(controller: Any, tripod: Any, spin_until: Callable[..., bool]) -> Iter
     assert each.switch("inverse_controller/enable", False)[0]
 
 
-def test_the_plate_follows_a_maze_plan(
-    plate: Plate, start_process: Callable[..., Any], tmp_path: Path
-) -> None:
+@pytest.fixture
+def start_node(plate: Plate, start_process: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Starts a module beside the controller; a test that fails leaves none to the next one."""
+    processes: list[Any] = []
+
+    def start(*arguments: str) -> Any:
+        processes.append(start_process(*arguments))
+        return processes[-1]
+
+    yield start
+    for each in processes:
+        if each.process.poll() is None:
+            each.end()
+
+
+@pytest.fixture
+def imu(plate: Plate) -> Iterator[None]:
+    """A sensor on the plate."""
+    node = plate.client.node
+    publisher = node.create_publisher(Imu, "imu", 1)
+
+    def measure(message: PoseStamped) -> None:
+        publisher.publish(Imu(header=message.header, orientation=message.pose.orientation))
+
+    subscription = node.create_subscription(PoseStamped, "effector_pose", measure, 1)
+    yield
+    node.destroy_subscription(subscription)
+    node.destroy_publisher(publisher)
+
+
+def test_the_plate_follows_a_maze_plan(plate: Plate, start_node: Callable[..., Any], tmp_path: Path) -> None:
     file = tmp_path / "plan.json"
     file.write_text(json.dumps({"anglePlanningTable": PAIRS}))
-    follower = start_process("softsim_ros.inverse.path_follower_node", "--ros-args", "-p", f"file:={file}")
+    follower = start_node("softsim_ros.inverse.path_follower_node", "--ros-args", "-p", f"file:={file}")
     assert follower.says("call path_follower/start"), follower.output
     progress = plate.client.collect(Float64, "path_follower/progress")
     goals = plate.client.collect(PoseStamped, "effector_goal")
@@ -105,20 +133,10 @@ def test_the_plate_follows_a_maze_plan(
 
 @pytest.mark.parametrize("measure", ["effector_pose", "imu"])
 def test_the_loop_closes_on_the_robot(
-    plate: Plate, start_process: Callable[..., Any], tmp_path: Path, measure: str
+    plate: Plate, imu: None, start_node: Callable[..., Any], tmp_path: Path, measure: str
 ) -> None:
-    if measure == "imu":  # a sensor on the plate
-        publisher = plate.client.node.create_publisher(Imu, "imu", 1)
-        plate.client.node.create_subscription(
-            PoseStamped,
-            "effector_pose",
-            lambda message: publisher.publish(
-                Imu(header=message.header, orientation=message.pose.orientation)
-            ),
-            1,
-        )
     file = tmp_path / "log.csv"
-    loop = start_process(
+    loop = start_node(
         "softsim_ros.inverse.closed_loop_node",
         *("--ros-args", "-p", f"measure:={measure}", "-p", f"log_file:={file}"),
     )
