@@ -282,6 +282,6 @@ def _positive(factors: Any) -> bool:
 
 
 def _copy(model: Model, state: State) -> State:
-    copy = State(len(model.rest), len(model.frame_names), len(model.joints))
+    copy = model.empty_state()
     copy.copy_from(state)
     return copy

@@ -16,6 +16,7 @@ from softsim_core.actuation.limits import JointLimits
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.tetrahedra import Tetrahedra
 from softsim_core.mechanics.pose import cross_matrix, rotation_exp
+from softsim_core.mechanics.rigid import RigidBodies
 from softsim_core.mechanics.state import State
 
 FREE, HELD = -1, -2
@@ -24,7 +25,11 @@ FREE, HELD = -1, -2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A joint compiled: base frame, axis and law; see JointDescription for units."""
+    """A joint compiled: base frame, axis and law; see JointDescription for units.
+
+    `parent` is the index of the prismatic joint that carries the base, or -1. A cable's joint moves no frame:
+    its position is the travel of the cable.
+    """
 
     name: str
     revolute: bool
@@ -36,6 +41,8 @@ class Joint:
     rest: float
     stiffness: float | None
     inertia: float
+    parent: int = -1
+    cable: bool = False
 
     def frame(self, position: float, base_shift: float) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the frame that the joint moves."""
@@ -59,7 +66,8 @@ class Zone:
         joint: Index of the joint, or -1 when the zone is a free frame.
         nodes: Node indices, shape (k,).
         local: Node positions in the frame in [m], shape (k, 3).
-        border: Indices of the border unknowns that move it, shape (6,) or (1,).
+        border: Indices of the border unknowns that move it: six of a frame, or a joint's behind those of the
+            joints that carry it.
     """
 
     name: str
@@ -89,6 +97,7 @@ class Model:
             spin).
         frame_rest: Rest origins in [m] (f, 3) and rotations (f, 3, 3) of the free frames.
         joints: Joints; joint j owns the border unknown 6 len(frame_names) + j.
+        rigid: Rigid bodies with mass; they meet the rest in contacts only.
     """
 
     rest: Array
@@ -104,6 +113,7 @@ class Model:
     frame_names: tuple[str, ...]
     frame_rest: tuple[Array, Array]
     joints: tuple[Joint, ...]
+    rigid: RigidBodies
 
     @property
     def border_size(self) -> int:
@@ -124,18 +134,45 @@ class Model:
 
     def rest_state(self) -> State:
         """The state at which the scene is built: everything at rest, joints at their rest positions."""
-        state = State(len(self.rest), len(self.frame_names), len(self.joints))
+        state = self.empty_state()
         state.positions[:] = self.rest
         state.frame_positions[:], state.frame_rotations[:] = self.frame_rest
         state.joint_positions[:] = [joint.rest for joint in self.joints]
+        state.rigid_positions[:] = self.rigid.rest_positions
+        state.rigid_rotations[:] = self.rigid.rest_rotations
         self.place_zones(state)
         return state
+
+    def empty_state(self) -> State:
+        """A state of the right shape, all zeros."""
+        return State(len(self.rest), len(self.frame_names), len(self.joints), len(self.rigid.names))
+
+    def chain(self, joint: int) -> list[int]:
+        """A joint behind the joints that carry it, the outermost first."""
+        carriers = [joint]
+        while self.joints[carriers[0]].parent >= 0:
+            carriers.insert(0, self.joints[carriers[0]].parent)
+        return carriers
+
+    def joint_frame(self, j: int, state: State) -> tuple[Array, Array]:
+        """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
+        position, shift = float(state.joint_positions[j]), float(state.base_shift[0])
+        origin, rotation = self.joints[j].frame(position, shift)
+        return origin + self.carried(j, state), rotation
+
+    def carried(self, j: int, state: State) -> Array:
+        """How far the joints that carry joint j have moved its base, in [m], shape (3,)."""
+        shift = np.zeros(3)
+        for a in self.chain(j)[:-1]:
+            joint = self.joints[a]
+            shift += (state.joint_positions[a] - joint.rest) * (joint.base_rotation @ joint.axis)
+        return shift
 
     def zone_frame(self, zone: Zone, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the frame a zone follows."""
         if zone.frame >= 0:
             return state.frame_positions[zone.frame], state.frame_rotations[zone.frame]
-        return self.joints[zone.joint].frame(state.joint_positions[zone.joint], float(state.base_shift[0]))
+        return self.joint_frame(zone.joint, state)
 
     def place_zones(self, state: State) -> None:
         """Move the nodes of all zones, and their velocities, to where frames and joints say."""
@@ -163,9 +200,11 @@ class Model:
             origin[6 * f : 6 * f + 6] = state.frame_positions[f]
         for j, joint in enumerate(self.joints):
             k = 6 * frames + j
+            if joint.cable:
+                continue
             axis = joint.base_rotation @ joint.axis
             (angular if joint.revolute else linear)[k] = axis
-            origin[k] = joint.base_origin(float(state.base_shift[0]))
+            origin[k] = joint.base_origin(float(state.base_shift[0])) + self.carried(j, state)
         return Screws(angular, linear, origin)
 
     def advance_border(self, state: State, velocities: Array) -> None:

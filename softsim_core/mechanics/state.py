@@ -7,12 +7,15 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.errors import SnapshotError
 
+MEMORY = 4
+"""Numbers in a row of State.memory: what touches (as a number), and the force in three directions in [N]."""
+
 
 class State:
     """State of a simulation: views of one buffer, changed in place.
 
     Args:
-        nodes, frames, joints: How many there are.
+        nodes, frames, joints, rigid: How many there are.
 
     Attributes:
         buffer: All numbers, shape (s,).
@@ -25,6 +28,11 @@ class State:
         joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape
             (j,).
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).
+        rigid_positions: Centres of mass of the rigid bodies in [m], shape (r, 3).
+        rigid_rotations: Their rotations, shape (r, 3, 3).
+        rigid_velocities: Their velocity in [m/s] and spin in [rad/s], world axes, shape (r, 6).
+        memory: What the contact solver starts from: the forces of the last step; see dynamics.contacts. Not
+            in the buffer.
     """
 
     __slots__ = (
@@ -35,11 +43,15 @@ class State:
         "frame_rotations",
         "joint_efforts",
         "joint_positions",
+        "memory",
         "positions",
+        "rigid_positions",
+        "rigid_rotations",
+        "rigid_velocities",
         "velocities",
     )
 
-    def __init__(self, nodes: int, frames: int, joints: int) -> None:
+    def __init__(self, nodes: int, frames: int, joints: int, rigid: int = 0) -> None:
         shapes: dict[str, tuple[int, ...]] = {
             "positions": (nodes, 3),
             "velocities": (nodes, 3),
@@ -49,12 +61,16 @@ class State:
             "joint_positions": (joints,),
             "joint_efforts": (joints,),
             "base_shift": (1,),
+            "rigid_positions": (rigid, 3),
+            "rigid_rotations": (rigid, 3, 3),
+            "rigid_velocities": (rigid, 6),
         }
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
         self.buffer: Array = np.zeros(ends[-1])
         views = np.split(self.buffer, ends[:-1])
         for (name, shape), view in zip(shapes.items(), views, strict=True):
             setattr(self, name, view.reshape(shape))
+        self.memory: Array = np.zeros((0, MEMORY))
 
     positions: Array
     velocities: Array
@@ -64,10 +80,14 @@ class State:
     joint_positions: Array
     joint_efforts: Array
     base_shift: Array
+    rigid_positions: Array
+    rigid_rotations: Array
+    rigid_velocities: Array
 
     def copy_from(self, other: State) -> None:
         """Take over the values of a state of the same scene, in place."""
         np.copyto(self.buffer, other.buffer)
+        self.memory = other.memory
 
 
 def pack(header: bytes, arrays: list[Array]) -> bytes:

@@ -26,6 +26,7 @@ from softsim_core.mesh import (
 )
 from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
 from softsim_core.scene.regions import nodes_in
+from softsim_core.scene.rigid_builder import rigid_bodies
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +70,7 @@ def build(scene: SceneDescription) -> BuiltScene:
     bodies = _bodies(scene)
     rest = np.concatenate([body.mesh.points for body in bodies]) if bodies else np.zeros((0, 3))
     tets = [body.mesh.tets + body.nodes.start for body in bodies]
-    joints = tuple(_joint(joint) for joint in scene.joints)
+    joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
     zone_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
     frames = [attachment for attachment in scene.attachments if attachment.to == "free"]
     frame_rest = (
@@ -96,6 +97,7 @@ def build(scene: SceneDescription) -> BuiltScene:
         frame_names=tuple(attachment.name for attachment in frames),
         frame_rest=frame_rest,
         joints=joints,
+        rigid=rigid_bodies(scene),
     )
     parameters = Parameters(
         lame=np.array(
@@ -136,7 +138,7 @@ def _rotation(rotation_deg: tuple[float, float, float]) -> Array:
     return rotation_euler(np.radians(rotation_deg))
 
 
-def _joint(joint: JointDescription) -> Joint:
+def _joint(joint: JointDescription, names: tuple[str, ...]) -> Joint:
     return Joint(
         name=joint.name,
         revolute=joint.kind == "revolute",
@@ -148,6 +150,8 @@ def _joint(joint: JointDescription) -> Joint:
         rest=joint.rest,
         stiffness=joint.stiffness,
         inertia=joint.inertia,
+        parent=-1 if joint.parent is None else names.index(joint.parent),
+        cable=joint.kind == "cable",
     )
 
 
@@ -215,6 +219,9 @@ def _zones(
         else:
             f, j = -1, scene.joint_names.index(attachment.to)
             origin, rotation = joints[j].frame(joints[j].rest, 0.0)
-            border = np.array([6 * len(frames) + j])
+            chain = [j]
+            while joints[chain[0]].parent >= 0:
+                chain.insert(0, joints[chain[0]].parent)
+            border = 6 * len(frames) + np.array(chain)
         zones.append(Zone(attachment.name, f, j, nodes, (rest[nodes] - origin) @ rotation, border))
     return tuple(zones)

@@ -28,6 +28,18 @@ def exponential(w0: float, w1: float, w2: float, r: Array) -> None:
 
 
 @kernel
+def carried(j: int, c: int, motion: Motion, border: Border) -> float:
+    """Coordinate c of how far the joints that carry joint j have moved its base."""
+    shift, a = 0.0, border.parent[j]
+    while a >= 0:
+        moved = motion.joint_positions[a] - border.rest[a]
+        for d in range(3):
+            shift += moved * border.base_rotation[a, c, d] * border.axis[a, d]
+        a = border.parent[a]
+    return shift
+
+
+@kernel
 def screws(motion: Motion, border: Border, work: Work) -> None:
     """Screw of each border unknown, into work.angular, linear, origin."""
     base_rotation, axis, slide = border.base_rotation, border.axis, border.slide
@@ -50,6 +62,7 @@ def screws(motion: Motion, border: Border, work: Work) -> None:
             angular[k, c] = along if border.revolute[j] else 0.0
             linear[k, c] = 0.0 if border.revolute[j] else along
             origin[k, c] = border.base_position[j, c] + motion.base_shift[0] * away
+            origin[k, c] += carried(j, c, motion, border)
 
 
 @kernel
@@ -92,7 +105,7 @@ def zone_frames(motion: Motion, border: Border, work: Work) -> None:
         else:
             exponential(0.0, 0.0, 0.0, turn)
         for c in range(3):
-            origins[zone, c] = border.base_position[j, c]
+            origins[zone, c] = border.base_position[j, c] + carried(j, c, motion, border)
             for d in range(3):
                 shift = motion.base_shift[0] * border.slide[j, d] + (0.0 if revolute[j] else q * axis[j, d])
                 origins[zone, c] += base_rotation[j, c, d] * shift

@@ -83,6 +83,8 @@ class Border(NamedTuple):
         revolute: Whether the joint turns (else it slides), shape (j,).
         stiffness: Drive stiffness in [N m/rad] or [N/m], 0 for a prescribed joint, shape (j,).
         inertia: Drive inertia in [kg m^2] or [kg], shape (j,).
+        parent: Joint that carries the base, or -1, shape (j,).
+        rest: Position at the start in [rad] or [m], shape (j,).
         zones: Free frame and joint of each zone, -1 for none, shape (zones, 2).
     """
 
@@ -93,6 +95,8 @@ class Border(NamedTuple):
     revolute: BoolArray
     stiffness: Array
     inertia: Array
+    parent: IndexArray
+    rest: Array
     zones: IndexArray
 
 

@@ -121,11 +121,13 @@ def _border(model: Model) -> Border:
     return Border(
         base_position=stacked([joint.base_position for joint in joints], 3),
         base_rotation=stacked([joint.base_rotation for joint in joints], 3, 3),
-        axis=stacked([joint.axis for joint in joints], 3),
+        axis=stacked([0.0 * joint.axis if joint.cable else joint.axis for joint in joints], 3),
         slide=stacked([joint.slide_axis for joint in joints], 3),
         revolute=np.array([joint.revolute for joint in joints], dtype=np.bool_),
         stiffness=joint_stiffness(model),
         inertia=np.array([joint.inertia for joint in joints], dtype=float),
+        parent=np.array([joint.parent for joint in joints], dtype=np.int64),
+        rest=np.array([joint.rest for joint in joints], dtype=float),
         zones=np.array([(zone.frame, zone.joint) for zone in model.zones], dtype=np.int64).reshape(-1, 2),
     )
 
