@@ -167,6 +167,37 @@ def _move(
             for joint, value in zip(robot.joints, wanted, strict=True)
             if joint.name in moved
         )
+    return _command(state, robot, wanted, moved, title, now)
+
+
+def move_joint(
+    state: TeleopState, robot: SceneDescription, joint: str, position: float, now: float
+) -> tuple[TeleopState, tuple[Effect, ...]]:
+    """The state after one joint was asked to a position, and what is to be done; the others hold.
+
+    Args:
+        state: What is known before.
+        robot: Joints and limits.
+        joint: Name of the joint.
+        position: Where it shall go, in [rad] or [m].
+        now: Steady clock in [s].
+    """
+    refusal = _refusal(state, now)
+    if refusal:
+        return replace(state, message=refusal), ()
+    held = dict(zip(robot.joint_names, held_positions(state, now), strict=True))
+    wanted = tuple({**held, joint: position}.values())
+    return _command(state, robot, wanted, (joint,), f"{joint} by slider", now)
+
+
+def _command(
+    state: TeleopState,
+    robot: SceneDescription,
+    wanted: Sequence[float],
+    moved: Sequence[str],
+    title: str,
+    now: float,
+) -> tuple[TeleopState, tuple[Effect, ...]]:
     values, stopped = _limited(state, robot, wanted, moved)
     message = listing(stopped) if stopped else title
     state = with_command(replace(state, message=message), robot, values, now, own=True)

@@ -72,12 +72,13 @@ class Teleop(ClosableNode):
 
     Args:
         robot: Joints, limits, poses and keys.
+        name: Name of the node.
         **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used (a
             remapping on the command line wins over both).
     """
 
-    def __init__(self, robot: SceneDescription, **node_options: Any) -> None:
-        super().__init__("teleop", **{"namespace": robot.name, **node_options})
+    def __init__(self, robot: SceneDescription, name: str = "teleop", **node_options: Any) -> None:
+        super().__init__(name, **{"namespace": robot.name, **node_options})
         declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
         declare_number(
             self,
@@ -127,8 +128,7 @@ class Teleop(ClosableNode):
         interval = float(self.get_parameter("repeat_interval").value)
         step = float(self.get_parameter("goal_step").value)
         self.state, effects = press(self.state, self.robot, key, now, interval, step)
-        for effect in effects:
-            self._carry_out(effect, now)
+        self.carry_out(effects, now)
 
     def tick(self, now: float) -> None:
         """Housekeeping a few times a second: the bridge's state, calls without an answer, a held command."""
@@ -137,6 +137,11 @@ class Teleop(ClosableNode):
         self._simulator.poll(now)
         for service in (self._start, self._reset, self._pause, self._inverse.service):
             service.expire(now)
+
+    def carry_out(self, effects: Sequence[Effect], now: float) -> None:
+        """Do what was decided, without waiting for anything; `now` is a steady clock in [s]."""
+        for effect in effects:
+            self._carry_out(effect, now)
 
     def _carry_out(self, effect: Effect, now: float) -> None:
         if isinstance(effect, PublishCommand):
