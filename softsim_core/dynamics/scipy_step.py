@@ -20,6 +20,7 @@ from softsim_core.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
+from softsim_core.dynamics.rows import Rows, sparse_rows
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.fem.corotational import stiffness_blocks, stresses, von_mises
 from softsim_core.mechanics.model import Model
@@ -35,6 +36,11 @@ class ScipyStepper:
         self.model = model
         self.stage_times: dict[str, float] = {}
         self._unknowns = Unknowns(model)
+        self._matrix = sp.csc_matrix((0, 0))
+        self._factors: Any = None
+        self._mapping = sp.csr_matrix((0, 0))
+        self._held = np.zeros((0, 0))
+        self._answer = np.zeros((0, 0))
 
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
@@ -48,7 +54,9 @@ class ScipyStepper:
         if len(at.solved):
             rows = matrix[at.solved]
             known_part = rows[:, at.fixed] @ change[at.fixed]
-            change[at.solved] = factorised(rows[:, at.solved]).solve(rhs[at.solved] - known_part)
+            self._factors = factorised(rows[:, at.solved])
+            change[at.solved] = self._factors.solve(rhs[at.solved] - known_part)
+        self._matrix = matrix
         solved = perf_counter()
 
         state.velocities[at.free] += change[: at.first_border].reshape(-1, 3)
@@ -66,8 +74,37 @@ class ScipyStepper:
             "solve": 1e3 * (solved - assembled),
             "update": 1e3 * (perf_counter() - solved),
         }
-        speeds = np.concatenate([state.velocities.ravel(), state.border_velocities])
-        return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
+        return _top_speed(state)
+
+    def compliance(self, rows: Rows, before: State) -> Array:
+        """See Stepper."""
+        model, at = self.model, self._unknowns
+        on_nodes, on_border = sparse_rows(rows, len(model.rest), model.border_size)
+        spread = (on_nodes @ self._mapping).toarray().T  # (d, r)
+        spread[at.first_border :] += on_border.toarray().T
+        self._held, self._answer = spread, np.zeros_like(spread)
+        if len(at.solved) and rows.size:
+            self._answer[at.solved] = self._factors.solve(spread[at.solved])
+        return np.asarray(spread.T @ self._answer)
+
+    def correct(self, state: State, before: State, impulses: Array) -> float:
+        """See Stepper."""
+        model, h, at = self.model, self.model.dt, self._unknowns
+        change = self._answer @ impulses
+        state.velocities[at.free] += change[: at.first_border].reshape(-1, 3)
+        state.positions[at.free] = before.positions[at.free] + h * state.velocities[at.free]
+        state.frame_positions[:] = before.frame_positions
+        state.frame_rotations[:] = before.frame_rotations
+        targets = state.joint_positions.copy()
+        state.joint_positions[:] = before.joint_positions
+        model.advance_border(state, state.border_velocities + change[at.first_border :])
+        state.joint_positions[at.prescribed] = targets[at.prescribed]
+        reaction = self._matrix[at.fixed] @ change - self._held[at.fixed] @ impulses
+        state.joint_efforts[at.prescribed] += reaction / h
+        moved = state.joint_positions - targets
+        state.joint_efforts[at.compliant] -= (at.drive * moved)[at.compliant]
+        model.place_zones(state)
+        return _top_speed(state)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper."""
@@ -107,13 +144,19 @@ class ScipyStepper:
         inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass + h * lag * model.spring
         full = h * lag * sparse_of_blocks(model, blocks) + sp.diags(np.repeat(inertia, 3))
 
-        mapping = jacobian(model, at, state)
+        mapping = self._mapping = jacobian(model, at, state)
         rhs = h * (mapping.T @ force.ravel())
         velocity = state.border_velocities[at.joints - at.first_border]
         rhs[at.joints] += h * at.drive * (inputs.targets - state.joint_positions - lag * velocity)
         diagonal = np.zeros(at.size)
         diagonal[at.joints] = [joint.inertia for joint in model.joints] + h * lag * at.drive
         return (mapping.T @ full @ mapping + sp.diags(diagonal)).tocsc(), rhs
+
+
+def _top_speed(state: State) -> float:
+    """Largest component of all velocities, NaN if one is."""
+    speeds = np.concatenate([state.velocities.ravel(), state.border_velocities])
+    return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
 
 
 def factorised(matrix: sp.csc_matrix) -> Any:

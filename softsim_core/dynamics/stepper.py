@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -63,6 +64,23 @@ class Stepper(Protocol):
         Returns:
             The largest component of all new velocities, NaN if one is: the caller decides whether to keep the
             state.
+        """
+        ...
+
+    def compliance(self, rows: Rows, before: State) -> Array:
+        """H A^-1 H^T of the matrix of the last step, prescribed joints held, in [1/kg], shape (r, r).
+
+        Args:
+            rows: Constraint rows H at the start of the step.
+            before: The state at the start of the step.
+        """
+        ...
+
+    def correct(self, state: State, before: State, impulses: Array) -> float:
+        """Add to the last step what `impulses` (r,) [N s] on the rows of the last `compliance` do, in place.
+
+        Returns:
+            As `step`.
         """
         ...
 

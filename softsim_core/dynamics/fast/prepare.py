@@ -21,6 +21,9 @@ class Prepared(NamedTuple):
         free, mixed: Elements whose nodes are all free, and the others that deform.
         free_ids, mixed_ids: Their numbers in the model.
         nodes, border, tree, work: See layout.
+        place: First scalar unknown of each node, or -1 where it is not free, shape (n,).
+        supernode: Supernode of each node, or -1, shape (n,).
+        parent: Supernode in which the update of each one arrives first, or -1, shape (s,).
     """
 
     free: Elements
@@ -31,6 +34,9 @@ class Prepared(NamedTuple):
     border: Border
     tree: Tree
     work: Work
+    place: IndexArray
+    supernode: IndexArray
+    parent: IndexArray
 
 
 def prepare(model: Model) -> Prepared:
@@ -51,6 +57,7 @@ def prepare(model: Model) -> Prepared:
         _border(model),
         _tree(layout),
         _work(model, layout),
+        *_reach(model, layout),
     )
 
 
@@ -110,6 +117,17 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
         mass=model.mass.copy(),
         diagonal=np.zeros(len(model.rest)),
     )
+
+
+def _reach(model: Model, layout: Plan) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """First unknown and supernode of each node, and parent of each supernode; see Prepared."""
+    place, supernode = np.full((2, len(model.rest)), -1, dtype=np.int64)
+    place[model.free_nodes] = 3 * layout.position
+    supernode[model.free_nodes] = layout.supernode
+    parent = np.full(len(layout.columns), -1, dtype=np.int64)
+    for s in range(len(parent)):
+        parent[layout.children[layout.first_child[s] : layout.first_child[s + 1]]] = s
+    return place, supernode, parent
 
 
 def _border(model: Model) -> Border:

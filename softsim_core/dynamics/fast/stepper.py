@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.fast.compile import kernel
+from softsim_core.dynamics.fast.compliance import apply_impulses, respond
 from softsim_core.dynamics.fast.elements import (
     assemble_free,
     assemble_mixed,
@@ -20,8 +22,9 @@ from softsim_core.dynamics.fast.factorisation import factor, solve_backward, sol
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
 from softsim_core.dynamics.fast.prepare import prepare, set_moduli
-from softsim_core.dynamics.fast.simd import steady_seconds
+from softsim_core.dynamics.fast.simd import LANES, steady_seconds
 from softsim_core.dynamics.fast.tangent import assemble_tangent
+from softsim_core.dynamics.rows import Rows
 from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.mechanics.model import Model
@@ -129,13 +132,21 @@ class NumbaStepper:
         self._soft = bool(model.spring.any())
         self._weight = model.mass[:, None] * model.gravity
         self._tuned: tuple[bytes, float, float] | None = None
+        at = Unknowns(model)
+        self._prescribed, self._solved_border = (
+            at.prescribed,
+            np.setdiff1d(np.arange(model.border_size), at.fixed - at.first_border),
+        )
+        self._spans = np.zeros((len(self._prepared.tree.columns), 2), dtype=np.int64)
+        self._spread, self._border_answer = np.zeros((0, 0)), np.zeros((0, 0))
+        self._schur = np.zeros((0, 0))
 
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
-        motion = Motion(*(getattr(state, name) for name in Motion._fields))
+        motion = _motion(state)
         external = inputs.forces + self._weight
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
@@ -145,6 +156,47 @@ class NumbaStepper:
         )  # fmt: skip
         stages = ("assemble", "factor", "solve")
         self.stage_times = {stage: 1e3 * each for stage, each in zip(stages, seconds, strict=True)}
+        return speed
+
+    def compliance(self, rows: Rows, before: State) -> Array:
+        """See Stepper."""
+        data, border_size = self._prepared, self.model.border_size
+        padded = rows.size + (-rows.size) % LANES
+        self._spread = np.empty((len(data.work.solution), padded))
+        product = np.empty((padded, padded))
+        respond(
+            *rows, _motion(before), data.border, data.nodes, data.place, data.supernode, data.parent,
+            data.tree, data.work, self._spread, self._spans, product,
+        )  # fmt: skip
+        upper = np.triu(product[: rows.size, : rows.size])
+        result = -(upper + np.triu(upper, 1).T)
+        if border_size:
+            solved = self._solved_border
+            arriving = self._spread[len(self._spread) - border_size :, : rows.size]
+            schur = np.triu(data.work.schur[:, :border_size])
+            self._schur = schur + np.triu(schur, 1).T
+            self._border_answer = np.zeros_like(arriving)
+            if len(solved):
+                block = self._schur[np.ix_(solved, solved)]
+                self._border_answer[solved] = np.linalg.solve(block, arriving[solved])
+            result += arriving.T @ self._border_answer
+        return np.asarray(result)
+
+    def correct(self, state: State, before: State, impulses: Array) -> float:
+        """See Stepper."""
+        model, data, size = self.model, self._prepared, self.model.border_size
+        change = self._border_answer @ impulses if size else np.zeros(0)
+        free = state.joint_positions.copy()
+        speed = apply_impulses(
+            _motion(state), _motion(before), impulses, change, model.dt, data.border, data.nodes, data.tree,
+            data.work, self._spread,
+        )  # fmt: skip
+        if len(free):
+            first, held = size - len(free), self._prescribed
+            arriving = self._spread[len(self._spread) - size :, : len(impulses)] @ impulses
+            reaction = (self._schur @ change - arriving)[first:] / model.dt
+            state.joint_efforts[held] += reaction[held]
+            state.joint_efforts -= data.border.stiffness * (state.joint_positions - free)
         return speed
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
@@ -162,7 +214,7 @@ class NumbaStepper:
         model, data = self.model, self._prepared
         if self._polar:
             self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
-            motion = Motion(*(getattr(state, name) for name in Motion._fields))
+            motion = _motion(state)
             loads = forces + self._weight
             if self._soft:
                 loads -= model.spring[:, None] * (state.positions - model.rest)
@@ -188,3 +240,8 @@ class NumbaStepper:
         set_moduli(data.mixed, moduli[data.mixed_ids])
         inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
         data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
+
+
+def _motion(state: State) -> Motion:
+    """The state's arrays for the kernels."""
+    return Motion(*(getattr(state, name) for name in Motion._fields))
