@@ -33,16 +33,25 @@ class Station:
         namespace: Namespace of every node, without slashes at its ends.
         board: The bridge's board.
         inverse: With inverse control, disabled until key I.
+        watch: Load the scene anew whenever one of its files is saved.
     """
 
     def __init__(
-        self, scene: SceneDescription, namespace: str, board: BoardChoice, *, inverse: bool = False
+        self,
+        scene: SceneDescription,
+        namespace: str,
+        board: BoardChoice,
+        *,
+        inverse: bool = False,
+        watch: bool = False,
     ) -> None:
         self.board: LocalBoard | None = None
         self.bridge: ServoBridge | None = None
         self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
-            self.simulator = Simulator(scene, namespace=namespace)
+            self.simulator = Simulator(
+                scene, namespace=namespace, parameter_overrides=[Parameter("watch", value=watch)]
+            )
             stack.callback(self.simulator.close)
             bridged = board.kind is not BoardKind.NONE
             hardware = self._add_bridge(stack, scene, namespace, board) if bridged else []
@@ -90,6 +99,7 @@ def run_station(
     interactive: bool,
     *,
     inverse: bool = False,
+    watch: bool = False,
 ) -> int:
     """Run a robot until its person or a signal ends it.
 
@@ -99,6 +109,7 @@ def run_station(
         board: The bridge's board.
         interactive: Show the teleop in this terminal; else a status line.
         inverse: With inverse control.
+        watch: Load the scene anew whenever one of its files is saved.
 
     Returns:
         Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
@@ -109,7 +120,7 @@ def run_station(
     print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
     rclpy.init(args=[])
     try:
-        with Station(scene, namespace, board, inverse=inverse) as station:
+        with Station(scene, namespace, board, inverse=inverse, watch=watch) as station:
             try:
                 if not (interactive and _drive(scene, namespace)):
                     show_status(station.simulator, station.bridge, station.board)

@@ -29,6 +29,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with inverse control: key I, then the arrow keys move the goal",
     )
+    parser.add_argument(
+        "--watch", action="store_true", help="load the scene anew whenever one of its files is saved"
+    )
     parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
     parser.epilog = "On a real board nothing moves until key B, or --send. ? in the teleop shows the keys."
@@ -66,7 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
     interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
     with only_one(namespace):
         return run_station(
-            scene, namespace, board, interactive and bool(scene.joints), inverse=arguments.inverse
+            scene,
+            namespace,
+            board,
+            interactive and bool(scene.joints),
+            inverse=arguments.inverse,
+            watch=arguments.watch,
         )
 
 

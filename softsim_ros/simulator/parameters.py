@@ -17,6 +17,8 @@ from softsim_ros.simulator.snapshot_file import default_snapshot_file
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")
 DEFAULT_ROBOT = "tripod"
+PHYSICAL = ("young_modulus", "poisson_ratio", "rayleigh_stiffness", "rayleigh_mass")
+"""Last parts of the names of the parameters that belong to the scene."""
 
 
 class Tuning(NamedTuple):
@@ -37,6 +39,7 @@ class StartParameters:
         mesh_rate: Messages a second on mesh/points, in [Hz].
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
         publish_clock: Whether simulated time goes to /clock and into the stamps.
+        watch: Whether the scene is loaded anew when one of its files is saved.
         tunings: Parameters of the physics that change at run time, by name.
     """
 
@@ -46,6 +49,7 @@ class StartParameters:
     mesh_rate: float
     marker_stress: float
     publish_clock: bool
+    watch: bool
     tunings: dict[str, Tuning]
 
 
@@ -86,6 +90,9 @@ def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> Start
         "File that ~/save writes and ~/load reads",
         read_only=False,
     )
+    watch = declare_switch(
+        node, "watch", False, "Load the scene anew whenever one of its files is saved", read_only=True
+    )
     clock = declare_switch(
         node, "publish_clock", False, "Send simulated time on /clock and stamp with it", read_only=True
     )
@@ -114,8 +121,26 @@ def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> Start
         mesh_rate=mesh_rate,
         marker_stress=marker_stress,
         publish_clock=clock,
+        watch=watch,
         tunings=tunings,
     )
+
+
+def declare_physics_again(node: Node, scene: SceneDescription, start: StartParameters) -> StartParameters:
+    """Parameters of material and damping for another scene, in place of those of `start`.
+
+    Returns:
+        `start` with the other scene; limits and what happens beyond them stay as the node was started.
+
+    Raises:
+        ParameterError: a value is out of range; some parameters may be missing until the next call.
+    """
+    for name in list(node.get_parameters_by_prefix("")):
+        if name.rpartition(".")[2] in PHYSICAL:
+            node.undeclare_parameter(name)
+    scene = dataclasses.replace(scene, commands=start.scene.commands)
+    scene, tunings = _declare_physics(node, scene)
+    return dataclasses.replace(start, scene=scene, tunings=tunings)
 
 
 def _declare_physics(node: Node, scene: SceneDescription) -> tuple[SceneDescription, dict[str, Tuning]]:

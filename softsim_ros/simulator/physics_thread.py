@@ -82,7 +82,7 @@ class PhysicsThread:
         self._newest: Array | JointTrajectory | None = None
         self._trajectory: tuple[JointTrajectory, float, Array] | None = None
         self._speed = speed
-        self._paused = False
+        self._paused = self._paused_before_fault = False
         self._fault = ""
         self._clamped = self._refused = 0
         self._pacer = Pacer()
@@ -200,6 +200,29 @@ class PhysicsThread:
 
         self.call(go)
 
+    def replace(self, simulation: Simulation, prepare: Callable[[Simulation], None]) -> None:
+        """Go on with another simulation, from its start; what stopped the last one is forgotten.
+
+        Args:
+            simulation: What to run from now on.
+            prepare: Called in the thread with it before its first state is shown.
+        """
+
+        def swap(_: Simulation) -> None:
+            prepare(simulation)
+            self._simulation = simulation
+            self._forget_commands()
+            self._meter = SpeedMeter(simulation.dt, time.monotonic())
+            self._pacer.start()
+            if self._fault:
+                self._fault, self._paused = "", self._paused_before_fault
+
+        self.call(swap)
+
+    def stop(self, sentence: str) -> None:
+        """Pause with a fault, such as a scene file that cannot be used."""
+        self.call(lambda _: self._stop_on_fault(sentence), shows=False)
+
     def play_start(self) -> None:
         """Begin the start animation; a running trajectory ends.
 
@@ -272,6 +295,8 @@ class PhysicsThread:
 
     def _stop_on_fault(self, sentence: str) -> None:
         self._forget_commands()
+        if not self._fault:
+            self._paused_before_fault = self._paused
         self._paused, self._fault = True, sentence
         self._show(whole=True)
         self._on_fault(sentence)

@@ -64,7 +64,7 @@ class Publications:
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
         self._base = f"{robot}_base"
-        self._frame_names = {simulation.scene.effector: f"{robot}_effector"}
+        self._effector_frame = f"{robot}_effector"
         self.marker_stress = marker_stress
         self._mesh_gate: RateGate | None = None
         self.mesh_rate = mesh_rate
@@ -81,6 +81,11 @@ class Publications:
         self._topology = node.create_publisher(Mesh, "mesh/topology", LATCHED)
         self._tf: Any | None = None
         self._create_tf(node)
+        self.show_scene(simulation)
+
+    def show_scene(self, simulation: Simulation) -> None:
+        """Send what does not move: of the first simulation, or of another one that takes its place."""
+        self._frame_names = {simulation.scene.effector: self._effector_frame}
         points, triangles = simulation.visual_rest_points, simulation.visual_triangles
         self._topology.publish(messages.topology(points, triangles))
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None

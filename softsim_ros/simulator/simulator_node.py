@@ -29,14 +29,23 @@ from softsim_ros.messages import diagnostic_array
 from softsim_ros.runtime import ClosableNode, run_node
 from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import health
-from softsim_ros.simulator.parameters import StartParameters, declare_parameters, declare_robot
+from softsim_ros.simulator.parameters import (
+    StartParameters,
+    declare_parameters,
+    declare_physics_again,
+    declare_robot,
+)
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
+from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.snapshot_file import read_snapshot, write_snapshot
 
 NODE_NAME = "simulator"
 WARNING_PERIOD_S = 1.0
 """Warnings about refused commands come at most this often, in [s]."""
+
+WATCH_PERIOD_S = 0.25
+"""The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
 
 class Simulator(ClosableNode):
@@ -75,8 +84,8 @@ class Simulator(ClosableNode):
         self._applies_parameters = True
         try:
             declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
-            start = declare_parameters(self, scene, self.robot)
-            self._begin(start)
+            self._files = SceneFiles(scene)
+            self._begin(declare_parameters(self, scene, self.robot))
         except BaseException:
             self.close()
             raise
@@ -85,7 +94,7 @@ class Simulator(ClosableNode):
         simulation = self._build(start)
         self.joint_names = simulation.joint_names
         self._backend = simulation.backend
-        self._tunings = start.tunings
+        self._start_parameters = start
         self._speed = start.speed
         self._publications = Publications(
             self,
@@ -107,11 +116,15 @@ class Simulator(ClosableNode):
             ("save", self._save),
             ("load", self._load),
             ("start", self._start),
+            ("reload", self._reload),
         ):
             self.create_service(Trigger, f"~/{name}", _answering(action))
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.add_on_set_parameters_callback(self._on_parameters)
-        self.create_timer(1.0, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        if start.watch:
+            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady)
         self._physics.start()
         self.get_logger().info(
             f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
@@ -206,6 +219,36 @@ class Simulator(ClosableNode):
     def _snapshot_file(self) -> Path:
         return Path(str(self.get_parameter("snapshot_file").value)).expanduser()
 
+    # --- another scene --------------------------------------------------------------------------------
+
+    def _look_at_files(self) -> None:
+        if self._files.saved():
+            successful, sentence = _attempt(self._reload)
+            if successful:  # a failure was logged by the physics
+                self.get_logger().info(sentence)
+
+    def _reload(self) -> str:
+        """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
+        before, declared = self._start_parameters, False
+        self._applies_parameters = False  # declaring sets them; the scene carries their values
+        try:
+            scene = self._files.load()
+            declared = True
+            after = declare_physics_again(self, scene, before)
+            simulation = self._build(after)
+        except Exception as error:
+            if declared:
+                self._start_parameters = declare_physics_again(self, before.scene, before)
+            reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
+            sentence = f"scene not loaded: {reason}"
+            self.physics.stop(sentence)
+            raise SoftSimError(sentence) from error
+        finally:
+            self._applies_parameters = True
+        self.physics.replace(simulation, self._publications.show_scene)
+        self._start_parameters, self.joint_names = after, simulation.joint_names
+        return f"loaded {scene.source}"
+
     # --- parameters -----------------------------------------------------------------------------------
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -220,9 +263,10 @@ class Simulator(ClosableNode):
 
     def _take_over_tuning(self) -> None:
         """Make the parameters tell what the loaded snapshot holds."""
+        tunings = self._start_parameters.tunings
 
         def read(simulation: Simulation) -> dict[str, float | bool]:
-            numbers = {name: tuning.read(simulation) for name, tuning in self._tunings.items()}
+            numbers = {name: tuning.read(simulation) for name, tuning in tunings.items()}
             return {**numbers, "enforce_limits": simulation.enforce_limits}
 
         values = self.physics.call(read, shows=False)
@@ -234,8 +278,8 @@ class Simulator(ClosableNode):
 
     def _apply(self, parameter: Parameter) -> str:
         name, value = parameter.name, parameter.value
-        if name in self._tunings:
-            tuning, number = self._tunings[name], float(value)
+        if name in self._start_parameters.tunings:
+            tuning, number = self._start_parameters.tunings[name], float(value)
             self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
         elif name == "enforce_limits":
             self.physics.call(

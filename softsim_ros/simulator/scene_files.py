@@ -1,0 +1,108 @@
+"""The files a scene is made of: loading them anew, and seeing that one of them was saved."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from softsim_core import SceneDescription, load_scene
+from softsim_core.errors import ConfigError, SceneError
+from softsim_core.scene.values import MeshFile
+from softsim_core.scene.yaml_source import read_yaml, relative_to_file
+
+Stamps = dict[Path, tuple[int, int] | None]
+
+
+class SceneFiles:
+    """The source of a scene: its file, the files it extends or imports, its meshes.
+
+    Args:
+        scene: As loaded; one that came from no file can be neither watched nor loaded anew.
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._name, self._source = scene.name, scene.source
+        self._files = files_of(scene)
+        self._loaded = self._seen = stamps(self._files)
+
+    def load(self) -> SceneDescription:
+        """The scene as its files are now.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: any problem in the files, in one sentence.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
+        self._loaded = self._seen = stamps(self._files)
+        for module in _modules_beside(self._source):
+            sys.modules.pop(module, None)
+        importlib.invalidate_caches()
+        scene = load_scene(self._source)
+        self._files = files_of(scene)
+        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+        return scene
+
+    def saved(self) -> bool:
+        """Whether a file has changed since it was loaded and is at rest since the last call."""
+        before, self._seen = self._seen, stamps(self._files)
+        at_rest = self._seen == before and None not in self._seen.values()
+        return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
+
+
+def files_of(scene: SceneDescription) -> list[Path]:
+    """Every file that the scene was made of and that a person may edit."""
+    if scene.source is None:
+        return []
+    files = [scene.source]
+    if scene.source.suffix == ".py":
+        modules = (sys.modules[name] for name in _modules_beside(scene.source))
+        files += [Path(module.__file__) for module in modules if module.__file__]
+    else:
+        files += _extended(scene.source)
+    for body in scene.bodies:
+        files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
+    return list(dict.fromkeys(files))
+
+
+def stamps(files: list[Path]) -> Stamps:
+    """Time of the last change and size of each file; None for one that is not there."""
+    return {file: _stamp(file) for file in files}
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def _extended(file: Path) -> Iterator[Path]:
+    """The files that a YAML file extends, one after the other; ends where one cannot be read."""
+    seen = {file}
+    while True:
+        try:
+            target = read_yaml(file).get("extends")
+        except ConfigError:
+            return
+        if not isinstance(target, str):
+            return
+        file = relative_to_file(target, file)
+        if file in seen:
+            return
+        seen.add(file)
+        yield file
+
+
+def _modules_beside(source: Path) -> list[str]:
+    """Names of the imported modules that lie in the scene's folder or below, the suite's own left out."""
+    folder = str(source.parent) + "/"
+    return [
+        name
+        for name, module in list(sys.modules.items())
+        if str(getattr(module, "__file__", None) or "").startswith(folder)
+        and not name.startswith(("softsim_core", "softsim_ros", "servo_bridge", "__main__"))
+    ]
