@@ -2,8 +2,8 @@
 
 The bridge opens it with real pyserial on a real tty. As a plain board it says nothing, forgets a packet
 begun when the port is opened, and keeps the last servo bytes when the line falls silent. On request it speaks
-the extended protocol as well: banner when opened, frames, telemetry. The firmware itself, with its slew limit
-and its creep to rest, runs in the emulator instead.
+the extended protocol as well: banner when opened, frames, telemetry, slew limit and creep to rest, in a
+Python model of the firmware; the firmware itself runs in the emulator.
 """
 
 from __future__ import annotations
@@ -87,6 +87,12 @@ class VirtualBoard:
             return self._servo_bytes
 
     @property
+    def widths_us(self) -> tuple[float, ...] | None:
+        """Widths in [us] that the extended board's motion has reached; None without pulses."""
+        with self._changed:
+            return None if self.extended is None else self.extended.motion.widths_us
+
+    @property
     def packets(self) -> list[ReceivedPacket]:
         """Accepted packets, oldest first."""
         with self._changed:
@@ -94,15 +100,15 @@ class VirtualBoard:
 
     @property
     def accepted(self) -> int:
-        """Packets accepted by the board's parser so far."""
+        """Poses accepted by the board so far."""
         with self._changed:
-            return self._parser.accepted
+            return (self.extended or self._parser).accepted
 
     @property
     def dropped(self) -> int:
-        """Packets dropped by the board's parser so far."""
+        """Packets (and frames) dropped or refused by the board so far."""
         with self._changed:
-            return self._parser.dropped
+            return self._parser.dropped if self.extended is None else self.extended.rejects
 
     @property
     def received(self) -> int:
@@ -213,6 +219,9 @@ class VirtualBoard:
                 self._take(_read(master))
             if state & select.POLLHUP:
                 self._set_open(False)
+                if self.extended is not None:
+                    with self._changed:
+                        self.extended.motion.advance(time.monotonic())
                 if idle.poll(IDLE_POLL_S * 1000.0):
                     return
             else:
@@ -232,10 +241,9 @@ class VirtualBoard:
         if self.extended is None or now < self._telemetry_due:
             return
         with self._changed:
+            data = self.extended.say(now)
             if self.extended.silent:
                 data = b""
-            else:
-                data = self.extended.say(now)
         self._telemetry_due = now + TELEMETRY_PERIOD_S
         if data:
             with contextlib.suppress(OSError):

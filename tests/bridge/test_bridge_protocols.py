@@ -65,7 +65,7 @@ def test_an_extended_board_is_found_driven_and_reported(
     assert 19.0 < float(report["send period [ms]"]) < 21.0
     assert bridge.end() == 0
     assert board.extended is not None
-    assert board.extended.relaxed  # after the rest pose
+    assert board.extended.motion.relaxed  # after the rest pose
 
 
 def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
@@ -187,4 +187,4 @@ def test_calibrate_servos_walks_in_a_terminal_and_writes_the_file(
     assert "servo_0: sign +1, zero 179, trim +1 deg" in result.stdout
     assert board.extended is not None
     assert board.wait_for(lambda b: not b.is_open)
-    assert board.extended.relaxed
+    assert board.extended.motion.relaxed

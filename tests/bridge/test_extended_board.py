@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from servo_bridge.codec import angle_to_width, byte_to_angle, width_limits, width_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
-from servo_bridge.frames import BoardFlags, byte_to_width
+from servo_bridge.frames import BoardFlags, byte_to_width, set_widths
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError
@@ -129,7 +130,7 @@ def test_the_e_stop_is_said_to_the_board(
     driver.disconnect(relax=True)
     assert board.wait_for(lambda b: not b.is_open)
     assert board.extended is not None
-    assert not board.extended.relaxed
+    assert not board.extended.motion.relaxed
 
 
 def test_pulses_are_switched_off_at_the_end_at_rest(
@@ -141,7 +142,7 @@ def test_pulses_are_switched_off_at_the_end_at_rest(
     assert driver.settle()
     driver.disconnect(relax=True)
     assert board.extended is not None
-    assert board.wait_for(lambda b: b.extended.relaxed)
+    assert board.wait_for(lambda b: b.extended.motion.relaxed)
     assert board.servo_bytes == (150, 150, 150)
 
 
@@ -176,12 +177,13 @@ def test_a_board_that_kept_its_pose_gives_the_first_one(
     assert wait_until(lambda: driver.link_state == "extended")
     assert board.extended is not None
     with board._changed:  # a board whose reset line is cut, and which somebody moved
-        board.extended._pose([1500, 1600, 1700], 0.0)
+        board.extended.feed(set_widths(0, [1500, 1600, 1700]), time.monotonic())
     assert wait_until(lambda: BoardFlags.ACTIVE in flags(driver))
     driver.start()
     driver.tick()
     driver.tick()
-    assert board.wait_for(lambda b: b.extended._widths == (1500, 1600, 1700) and b.accepted == 1)
+    assert board.wait_for(lambda b: b.accepted == 2)
+    assert board.widths_us == (1500.0, 1600.0, 1700.0)
     driver.disconnect()
 
 
