@@ -71,18 +71,43 @@ class RateGate:
 
 
 @dataclass(frozen=True)
+class StageTime:
+    """Times of one stage of the step over a stretch of wall time, in [ms]."""
+
+    calls: int
+    minimum: float
+    mean: float
+    maximum: float
+
+    def with_call(self, time_ms: float) -> StageTime:
+        """The same after one more call."""
+        calls = self.calls + 1
+        return StageTime(
+            calls,
+            min(self.minimum, time_ms),
+            self.mean + (time_ms - self.mean) / calls,
+            max(self.maximum, time_ms),
+        )
+
+
+@dataclass(frozen=True)
 class Speed:
     """What the physics did in one stretch of wall time.
 
     Attributes:
         real_time_factor: Simulated over wall time, [-]; 0 while paused.
         steps_per_second: Steps done per second of wall time.
-        stages_ms: Mean time of each stage of a step in [ms].
+        stages: Times of each stage of a step.
     """
 
     real_time_factor: float = 0.0
     steps_per_second: float = 0.0
-    stages_ms: dict[str, float] = field(default_factory=dict)
+    stages: dict[str, StageTime] = field(default_factory=dict)
+
+    @property
+    def stages_ms(self) -> dict[str, float]:
+        """Mean time of each stage in [ms]."""
+        return {name: time.mean for name, time in self.stages.items()}
 
 
 class SpeedMeter:
@@ -91,22 +116,21 @@ class SpeedMeter:
     def __init__(self, dt: float, now: float) -> None:
         self._dt, self._since = dt, now
         self._steps = 0
-        self._sums: dict[str, float] = {}
+        self._stages: dict[str, StageTime] = {}
 
     def add_step(self, stages_ms: dict[str, float]) -> None:
         """Count one step with the time of each of its stages in [ms]."""
         self._steps += 1
         for stage, time_ms in stages_ms.items():
-            self._sums[stage] = self._sums.get(stage, 0.0) + time_ms
+            known = self._stages.get(stage)
+            self._stages[stage] = (
+                StageTime(1, time_ms, time_ms, time_ms) if known is None else known.with_call(time_ms)
+            )
 
     def take(self, now: float) -> Speed:
         """The stretch up to `now` (steady clock in [s]); the next one begins."""
         elapsed = max(now - self._since, 1e-9)
         steps = self._steps
-        speed = Speed(
-            steps * self._dt / elapsed,
-            steps / elapsed,
-            {stage: total / max(steps, 1) for stage, total in self._sums.items()},
-        )
-        self._since, self._steps, self._sums = now, 0, {}
+        speed = Speed(steps * self._dt / elapsed, steps / elapsed, self._stages)
+        self._since, self._steps, self._stages = now, 0, {}
         return speed

@@ -54,9 +54,13 @@ class StartParameters:
 
 
 def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
-    """Declare and return which robot or scene runs: a name or a path."""
+    """Declare and return which robot or scene runs: a name or a path; another one can be set at run time."""
     return declare_text(
-        node, "robot", default, "Robot or scene: a name such as tripod, or the path of a .yaml or .py file"
+        node,
+        "robot",
+        default,
+        "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
+        read_only=False,
     )
 
 

@@ -39,6 +39,7 @@ from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
 from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.snapshot_file import read_snapshot, write_snapshot
+from softsim_ros.simulator.stage_statistics import stage_statistics
 
 NODE_NAME = "simulator"
 WARNING_PERIOD_S = 1.0
@@ -108,6 +109,7 @@ class Simulator(ClosableNode):
             simulation, self._publications.publish, self._warn_refused, self.get_logger().error, start.speed
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         for name, action in (
@@ -249,6 +251,16 @@ class Simulator(ClosableNode):
         self._start_parameters, self.joint_names = after, simulation.joint_names
         return f"loaded {scene.source}"
 
+    def _change_scene(self, robot: str) -> None:
+        """Go on with another robot or scene, in the same namespace; a wrong name or file changes nothing."""
+        before = self._files
+        self._files = SceneFiles(load_scene(robot))
+        try:
+            self._reload()
+        except SoftSimError:
+            self._files = before
+            raise
+
     # --- parameters -----------------------------------------------------------------------------------
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -281,6 +293,8 @@ class Simulator(ClosableNode):
         if name in self._start_parameters.tunings:
             tuning, number = self._start_parameters.tunings[name], float(value)
             self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
+        elif name == "robot":
+            self._change_scene(str(value))
         elif name == "enforce_limits":
             self.physics.call(
                 lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False
@@ -303,6 +317,9 @@ class Simulator(ClosableNode):
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+        if self._stage_statistics.get_subscription_count():
+            stages = self.physics.status.speed.stages
+            self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
 
 
 def _attempt(action: Callable[[], str]) -> tuple[bool, str]:

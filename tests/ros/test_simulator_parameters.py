@@ -51,7 +51,7 @@ def test_wrong_values_are_refused_and_change_nothing(tripod: Any, name: str, val
     assert tripod.get_parameter(name) == before
 
 
-@pytest.mark.parametrize("name", ["robot", "backend", "out_of_range"])
+@pytest.mark.parametrize("name", ["backend", "out_of_range"])
 def test_what_is_fixed_at_the_start_is_read_only(tripod: Any, name: str) -> None:
     success, sentence = tripod.set_parameters(**{name: "scipy"})
     assert not success
@@ -73,5 +73,21 @@ def test_every_parameter_has_a_description_and_numbers_have_a_range(tripod: Any)
     )
     described = {entry.name: entry for entry in answer.descriptors}
     assert all(entry.description for entry in described.values())
-    assert described["robot"].read_only
+    assert described["publish_clock"].read_only
     assert described["young_modulus"].floating_point_range[0].from_value == 1.0
+
+
+def test_another_scene_runs_on_request_and_an_unknown_one_changes_nothing(
+    tripod: Any, spin_until: Any
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    success, sentence = tripod.set_parameters(robot="no_such_robot")
+    assert not success
+    assert "known" in sentence
+    assert tripod.get_parameter("robot") == "tripod"
+    assert tripod.set_parameters(robot="parts/servo") == (True, "")
+    states = tripod.client.collect(JointState, "joint_states")
+    assert spin_until(lambda: states and len(states[-1].name) == 1)
+    assert tripod.set_parameters(robot="tripod") == (True, "")
+    assert spin_until(lambda: len(states[-1].name) == 3)

@@ -66,3 +66,12 @@ def test_the_meter_gives_the_real_time_factor_and_mean_stage_times() -> None:
     assert speed.steps_per_second == pytest.approx(50.0)
     assert speed.stages_ms == pytest.approx({"assemble": 0.2, "step": 0.5})
     assert meter.take(12.0).real_time_factor == 0.0
+
+
+def test_the_meter_keeps_the_smallest_and_the_largest_time_of_a_stage() -> None:
+    meter = SpeedMeter(0.01, now=0.0)
+    for time_ms in (0.5, 0.2, 0.8):
+        meter.add_step({"step": time_ms})
+    stage = meter.take(1.0).stages["step"]
+    assert (stage.calls, stage.minimum, stage.maximum) == (3, 0.2, 0.8)
+    assert stage.mean == pytest.approx(0.5)

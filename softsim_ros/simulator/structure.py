@@ -1,0 +1,113 @@
+"""What a scene is made of, for programs that draw it: parts once, nodes and frames while somebody listens.
+
+Topics: `scene/structure` (std_msgs/String, latched) is a JSON object, see `structure`; `mesh/tetrahedra`
+(std_msgs/UInt32MultiArray, latched) has the node indices of all elements; `mesh/nodes`
+(sensor_msgs/PointCloud2) has the nodes as mesh/points has the visible vertices, 10 Hz; `frames`
+(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, 30 Hz.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
+
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.mechanics.model import HELD
+from softsim_ros import messages
+from softsim_ros.simulator.pacing import RateGate
+
+NODES_PERIOD_S = 0.1
+FRAMES_PERIOD_S = 1.0 / 30.0
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class StructurePublications:
+    """Publishers of a scene's inner structure; used from the thread that owns the simulation.
+
+    Args:
+        node: Owner of the publishers.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._structure = node.create_publisher(String, "scene/structure", LATCHED)
+        self._tetrahedra = node.create_publisher(UInt32MultiArray, "mesh/tetrahedra", LATCHED)
+        self._nodes = node.create_publisher(PointCloud2, "mesh/nodes", 1)
+        self._frames = node.create_publisher(PoseArray, "frames", 1)
+        self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
+
+    def show_scene(self, simulation: Simulation) -> None:
+        """Send what does not move."""
+        self._tetrahedra.publish(index_array(simulation.tets))
+        self._structure.publish(String(data=json.dumps(structure(simulation))))
+
+    def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
+        """Send what is due; `now` is a steady clock in [s], `whole` asks for everything at once."""
+        if self._frames.get_subscription_count() and (self._frames_gate.passes(now) or whole):
+            poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
+            self._frames.publish(PoseArray(header=messages.header(stamp, "world"), poses=poses))
+        if self._nodes.get_subscription_count() and (self._nodes_gate.passes(now) or whole):
+            stress = simulation.von_mises()
+            self._nodes.publish(messages.point_cloud(stamp, "world", simulation.positions, stress))
+
+
+def structure(simulation: Simulation) -> dict[str, Any]:
+    """The parts of a scene as plain values.
+
+    Returns:
+        `name`; `source`, its file or null; `dt` in [s]; `frames`, names in the order of the topic `frames`;
+        `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
+        (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
+        rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`.
+    """
+    scene, model = simulation.scene, simulation.model
+    bodies, point, triangle = [], 0, 0
+    for body, description in zip(simulation.bodies, scene.bodies, strict=True):
+        points, triangles = len(body.surface.points), len(body.surface.triangles)
+        bodies.append(
+            {
+                "name": body.name,
+                "points": [point, point + points],
+                "triangles": [triangle, triangle + triangles],
+                "nodes": [body.nodes.start, body.nodes.stop],
+                "colour": list(description.colour),
+            }
+        )
+        point, triangle = point + points, triangle + triangles
+    targets = {attachment.name: attachment.to for attachment in scene.attachments}
+    zones = [
+        {"name": zone.name, "to": targets.get(zone.name, "free"), "nodes": zone.nodes.tolist()}
+        for zone in model.zones
+    ]
+    held = np.flatnonzero((model.zone_of_node == HELD) | (model.spring > 0.0))
+    if len(held):
+        zones.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
+    return {
+        "name": scene.name,
+        "source": None if scene.source is None else str(scene.source),
+        "dt": simulation.dt,
+        "frames": list(simulation.frames()),
+        "bodies": bodies,
+        "zones": zones,
+    }
+
+
+def index_array(rows: Any) -> UInt32MultiArray:
+    """Rows of indices (r, c) as a message whose layout tells r and c."""
+    indices = np.asarray(rows, dtype=np.uint32)
+    count, width = indices.shape
+    layout = MultiArrayLayout(
+        dim=[
+            MultiArrayDimension(label="elements", size=count, stride=count * width),
+            MultiArrayDimension(label="corners", size=width, stride=width),
+        ]
+    )
+    return UInt32MultiArray(layout=layout, data=messages.message_array(indices, "I"))

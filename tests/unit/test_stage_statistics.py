@@ -1,0 +1,58 @@
+"""The table of stage times, and the structure of a scene, as messages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from builtin_interfaces.msg import Time
+
+from softsim_core import Simulation, load_scene
+from softsim_ros.simulator.pacing import StageTime
+from softsim_ros.simulator.stage_statistics import stage_statistics
+from softsim_ros.simulator.structure import index_array, structure
+
+pytestmark = pytest.mark.ros
+
+
+def test_percentages_are_of_the_whole_step() -> None:
+    stages = {
+        "factorise": StageTime(100, 0.1, 0.3, 0.9),
+        "step": StageTime(100, 0.4, 0.6, 1.0),
+        "publishing": StageTime(100, 0.1, 0.2, 0.4),
+    }
+    message = stage_statistics(Time(), "tripod", stages)
+    table = {status.name: {pair.key: pair.value for pair in status.values} for status in message.status}
+    assert list(table) == list(stages)
+    assert table["factorise"]["percent"] == "37.5"
+    assert table["step"] == {
+        "calls": "100",
+        "min_ms": "0.4",
+        "mean_ms": "0.6",
+        "max_ms": "1",
+        "percent": "75",
+    }
+
+
+def test_the_structure_names_what_the_topics_number() -> None:
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    parts = structure(simulation)
+    (body,) = parts["bodies"]
+    assert body["points"] == [0, len(simulation.visual_points())]
+    assert body["triangles"] == [0, len(simulation.visual_triangles)]
+    assert body["nodes"] == [0, len(simulation.positions)]
+    assert parts["frames"] == list(simulation.frames())
+    assert {zone["name"]: zone["to"] for zone in parts["zones"]} == {
+        "tip_0": "servo_0",
+        "tip_1": "servo_1",
+        "tip_2": "servo_2",
+        "centre": "free",
+    }
+
+
+def test_an_index_array_tells_its_shape() -> None:
+    message = index_array(np.arange(8).reshape(2, 4))
+    assert [dim.size for dim in message.layout.dim] == [2, 4]
+    assert list(message.data) == list(range(8))
