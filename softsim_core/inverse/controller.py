@@ -202,7 +202,6 @@ class InverseController:
         started = perf_counter()
         before = effector(self.model)
         mismatch = self._learn(measured, before)
-        status: InverseStatus = "idle"
         solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
         task: Task | None = None
         if self._goal is not None:
@@ -210,19 +209,20 @@ class InverseController:
             qp, qp_started = self._program(task, before)
             solution = solve(qp)
             qp_ms = 1e3 * (perf_counter() - qp_started)
+        diverged = not self._advance(solution.dq)
+        pose, residual = effector(self.model), (0.0, 0.0)
+        status: InverseStatus = "idle"
+        if self._goal is not None and task is not None:
+            residual = self._residual(self._goal, pose, measured)
+            distance = residual[0] + self.settings.lever * residual[1]
+            self._damping.learn(solution.dq, distance, there=self._is_there(residual))
             if solution.status == "solved":
                 self._judge(task, before, solution)
+                status = self._progress(residual)
             else:
                 status = solution.status
-        diverged = not self._advance(solution.dq)
-        pose = effector(self.model)
-        residual = self._residual(pose, measured)
-        distance = residual[0] + self.settings.lever * residual[1]
-        self._damping.learn(solution.dq, distance, there=self._is_there(residual))
         if diverged:
             status = "diverged"
-        elif self._goal is not None and solution.status == "solved":
-            status = self._progress(residual)
         return InverseReport(
             self.command, pose, *residual, *mismatch, solution.active, status != "unreachable", status,
             solution.kkt_residual, qp_ms, 1e3 * (perf_counter() - started),
@@ -272,7 +272,7 @@ class InverseController:
         settings = self.settings
         near = settings.gain * limited(task.error(pose), task.angular, settings.max_shift, settings.max_turn)
         left = near - task.jacobian(self._sensitivity.effector, pose) @ solution.dq
-        wanted, remains = np.linalg.norm(task.weights * near), np.linalg.norm(task.weights * left)
+        wanted, remains = (math.sqrt(v @ v) for v in (task.weights * near, task.weights * left))
         rushing = any(name.endswith(" speed") for name in solution.active)
         self._useless = self._useless + 1 if remains > (1.0 - USELESS) * wanted and not rushing else 0
 
@@ -307,17 +307,15 @@ class InverseController:
         turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
         return Pose(goal.position - self._correction[:3], quaternion_of(turned))
 
-    def _residual(self, pose: Pose, measured: Pose | None) -> tuple[float, float]:
+    def _residual(self, goal: Pose, pose: Pose, measured: Pose | None) -> tuple[float, float]:
         """Distance in [m] and [rad] from the goal: of what is measured, else of the model."""
-        if self._goal is None:
-            return 0.0, 0.0
         if measured is not None:
             position, quaternion = measured.position, measured.quaternion_xyzw
             pose = Pose(
                 position if np.isfinite(position).all() else pose.position,
                 quaternion if np.isfinite(quaternion).all() else pose.quaternion_xyzw,
             )
-        return residuals([task_for(self._goal, self.settings)], pose)
+        return residuals([task_for(goal, self.settings)], pose)
 
     def _posture_from(self, joints: Array) -> Array:
         name = self.settings.posture

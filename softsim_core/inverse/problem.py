@@ -43,7 +43,8 @@ class QP(NamedTuple):
     """minimise 1/2 dq^T P dq + q^T dq subject to lower <= dq <= upper and G dq <= h.
 
     P (j, j), q (j,) are scaled so that the mean diagonal entry of P is 1: residuals are increments.
-    `lower_names` and `upper_names` say which limit a bound comes from; `names` name the rows.
+    A bound is the joint's interval where `at_lower` or `at_upper` says so, else its speed; `names` name the
+    joints, then the rows.
     """
 
     P: Array
@@ -52,8 +53,8 @@ class QP(NamedTuple):
     h: Array
     lower: Array
     upper: Array
-    lower_names: tuple[str, ...]
-    upper_names: tuple[str, ...]
+    at_lower: BoolArray
+    at_upper: BoolArray
     names: tuple[str, ...]
 
 
@@ -127,7 +128,7 @@ def build(
         near = gain * limited(e, task.angular, settings.max_shift, settings.max_turn)
         P += J.T @ J
         q -= J.T @ (task.weights * near)
-    scale = max(float(np.trace(P)) / size, 1e-300)
+    scale = max(float(P.trace()) / size, 1e-300)
     T = sensitivity.effort
     if settings.effort_weight > 0.0:
         weight = settings.effort_weight * scale * size / max(float(np.vdot(T, T)), 1e-300)
@@ -135,29 +136,29 @@ def build(
         q += weight * (T.T @ efforts)
     if settings.posture_weight > 0.0 and posture is not None:
         weight = settings.posture_weight * scale
-        P[np.diag_indices(size)] += weight
+        P.flat[:: size + 1] += weight
         q += weight * (joints - posture)
-    P[np.diag_indices(size)] += scale * FLOOR + damping
-    scale = max(float(np.trace(P)) / size, 1e-300)
+    P.flat[:: size + 1] += scale * FLOOR + damping
+    scale = max(float(P.trace()) / size, 1e-300)
 
     back, forth = limits.lower - joints, limits.upper - joints
     rows = [torque_rows(T, efforts, limits, gain), *constraints]
     return QP(
         P / scale,
         q / scale,
-        np.concatenate([each.G for each in rows]),
-        np.concatenate([each.h for each in rows]),
-        np.clip(back, -limits.step, limits.step),
-        np.clip(forth, -limits.step, limits.step),
-        tuple(_bound_names(limits, "lower", back > -limits.step)),
-        tuple(_bound_names(limits, "upper", forth < limits.step)),
-        tuple(name for each in rows for name in each.names),
+        np.concatenate([each.G for each in rows]) if len(rows) > 1 else rows[0].G,
+        np.concatenate([each.h for each in rows]) if len(rows) > 1 else rows[0].h,
+        np.minimum(np.maximum(back, -limits.step), limits.step),
+        np.minimum(np.maximum(forth, -limits.step), limits.step),
+        back > -limits.step,
+        forth < limits.step,
+        sum((each.names for each in rows), limits.names),
     )
 
 
 def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> Constraint:
     """|tau + T dq| <= torque; approached by `gain` of the distance a step, and left at what a step can do."""
-    limited_joints = np.flatnonzero(np.isfinite(limits.torque))
+    limited_joints = np.flatnonzero(limits.torque < np.inf)
     if not len(limited_joints):
         return Constraint(np.zeros((0, len(efforts))), np.zeros(0), ())
     excess = np.sign(efforts) * np.maximum(np.abs(efforts) - limits.torque, 0.0)
@@ -173,13 +174,6 @@ def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> 
         np.where(room > 0.0, gain * room, share * room)[kept],
         tuple(names + names),
     )
-
-
-def _bound_names(limits: Limits, side: str, by_interval: BoolArray) -> list[str]:
-    return [
-        f"{name} {side if interval else 'speed'}"
-        for name, interval in zip(limits.names, by_interval.tolist(), strict=True)
-    ]
 
 
 def _or(value: float | None, default: float) -> float:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
@@ -53,7 +54,9 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
         stiffness = stiffness + contact_stiffness
     frames = 6 * len(model.frame_names)
     coupling = stiffness[:frames, frames:]
-    follow = -np.linalg.solve(stiffness[:frames, :frames], coupling)
+    _, _, follow, singular = dgesv(stiffness[:frames, :frames], -coupling)
+    if singular:
+        raise np.linalg.LinAlgError("the effector has no stiffness here")
     effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
     if len(model.compliant_joints):
         drive = joint_stiffness(model)

@@ -9,10 +9,12 @@ Source: Arnström, Bemporad, Axehill 2022 (daqp); Nocedal and Wright 2006, ch. 1
 from __future__ import annotations
 
 import importlib
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
@@ -25,6 +27,9 @@ KKT_TOLERANCE = 1e-8
 
 ACTIVE = 1e-12
 """A multiplier above this marks an active limit."""
+
+ENDLESS = 1e30
+"""daqp's infinity."""
 
 _INFEASIBLE = -1
 
@@ -65,31 +70,46 @@ def solve(qp: QP) -> Solution:
     Raises:
         SceneError: the package daqp is not installed.
     """
-    size, rows = len(qp.q), len(qp.h)
-    nothing = np.zeros(size)
-    daqp = need_daqp()
-    if not all(np.isfinite(part).all() for part in (qp.P, qp.q, qp.G)):
-        return Solution(nothing, "not_converged", float("inf"), ())
+    if not math.isfinite(float(qp.P.sum() + qp.q.sum() + qp.G.sum())):
+        return _nothing(qp, "not_converged")
+    _, free, failed = dposv(qp.P, -qp.q)  # most steps touch no limit
+    if not failed and (free >= qp.lower).all() and (free <= qp.upper).all() and (qp.G @ free <= qp.h).all():
+        return _checked(qp, free, np.zeros(len(qp.q) + len(qp.h)))
+    return _by_active_set(qp)
+
+
+def _by_active_set(qp: QP) -> Solution:
+    """Solve with daqp."""
     upper = np.concatenate([qp.upper, qp.h])
-    lower = np.concatenate([qp.lower, np.full(rows, -np.inf)])
+    lower = np.concatenate([qp.lower, np.full(len(qp.h), -np.inf)])
     if (lower > upper).any():
-        return Solution(nothing, "infeasible", float("inf"), ())
-    x, _, flag, info = daqp.solve(
-        qp.P, qp.q, qp.G, _endless(upper), _endless(lower), np.zeros(size + rows, np.int32),
-        primal_tol=1e-11, eps_prox=0.0,
+        return _nothing(qp, "infeasible")
+    x, _, flag, info = need_daqp().solve(
+        qp.P, qp.q, qp.G, np.minimum(upper, ENDLESS), np.maximum(lower, -ENDLESS),
+        np.zeros(len(upper), np.int32), primal_tol=1e-11, eps_prox=0.0,
     )  # fmt: skip
     if flag == _INFEASIBLE:
-        return Solution(nothing, "infeasible", float("inf"), ())
+        return _nothing(qp, "infeasible")
     multipliers = np.asarray(info["lam"], dtype=float)
-    x, multipliers = np.asarray(x, dtype=float), multipliers
     polished = _polish(qp, multipliers)
-    if polished is not None and kkt_residual(qp, *polished) <= kkt_residual(qp, x, multipliers):
-        x, multipliers = polished
-    residual = kkt_residual(qp, x, multipliers)
+    if polished is not None:
+        solution = _checked(qp, *polished)
+        if solution.status == "solved":
+            return solution
+    return _checked(qp, np.asarray(x, dtype=float), multipliers)
+
+
+def _checked(qp: QP, dq: Array, multipliers: Array) -> Solution:
+    """The candidate as a solution, if it meets its optimality conditions."""
+    residual = kkt_residual(qp, dq, multipliers)
     if not residual <= KKT_TOLERANCE:  # also catches NaN
-        return Solution(nothing, "not_converged", residual, ())
-    dq = np.minimum(np.maximum(x, qp.lower), qp.upper)
+        return _nothing(qp, "not_converged", residual)
+    dq = np.minimum(np.maximum(dq, qp.lower), qp.upper)
     return Solution(dq, "solved", residual, _active(qp, multipliers))
+
+
+def _nothing(qp: QP, status: Status, residual: float = math.inf) -> Solution:
+    return Solution(np.zeros(len(qp.q)), status, residual, ())
 
 
 def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
@@ -102,21 +122,17 @@ def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
             at a lower bound.
     """
     size = len(dq)
-    stationarity = qp.P @ dq + qp.q + multipliers[:size] + qp.G.T @ multipliers[size:]
-    value = np.concatenate([dq, qp.G @ dq])
-    above = value - np.concatenate([qp.upper, qp.h])
-    below = np.concatenate([qp.lower - dq, np.full(len(qp.h), -np.inf)])
-    push, pull = np.maximum(multipliers, 0.0), np.maximum(-multipliers, 0.0)
-    slack = np.concatenate([_product(push, above), _product(pull, below)])
-    parts = (np.abs(stationarity), np.maximum(above, 0.0), np.maximum(below, 0.0), np.abs(slack))
-    return float(max(part.max(initial=0.0) for part in parts))
-
-
-def _product(multiplier: Array, distance: Array) -> Array:
-    """Complementarity products; a limit that is nowhere near cannot push."""
-    product = np.zeros_like(multiplier)
-    np.multiply(multiplier, distance, out=product, where=multiplier > 0.0)
-    return product
+    stationarity = qp.P @ dq + qp.q + multipliers[:size]
+    above, below = dq - qp.upper, qp.lower - dq
+    if len(qp.h):
+        stationarity += multipliers[size:] @ qp.G
+        above = np.concatenate([above, qp.G @ dq - qp.h])
+        below = np.concatenate([below, np.full(len(qp.h), -np.inf)])
+    parts = [np.abs(stationarity), above, below]
+    if multipliers.any():
+        push = np.flatnonzero(multipliers)  # a limit that is nowhere near cannot push
+        parts.append(np.abs(multipliers[push] * np.where(multipliers > 0.0, above, below)[push]))
+    return max(0.0, *(float(part.max()) for part in parts))
 
 
 def _polish(qp: QP, multipliers: Array) -> tuple[Array, Array] | None:
@@ -145,16 +161,15 @@ def _polish(qp: QP, multipliers: Array) -> tuple[Array, Array] | None:
 
 def _active(qp: QP, multipliers: Array) -> tuple[str, ...]:
     """Names of the limits with a multiplier."""
+    if not multipliers.any():
+        return ()
     size = len(qp.q)
     found: dict[str, None] = {}
     for i in np.flatnonzero(np.abs(multipliers) > ACTIVE).tolist():
         if i >= size:
-            found[qp.names[i - size]] = None
+            found[qp.names[i]] = None
+        elif multipliers[i] > 0.0:
+            found[f"{qp.names[i]} {'upper' if qp.at_upper[i] else 'speed'}"] = None
         else:
-            found[qp.upper_names[i] if multipliers[i] > 0.0 else qp.lower_names[i]] = None
+            found[f"{qp.names[i]} {'lower' if qp.at_lower[i] else 'speed'}"] = None
     return tuple(found)
-
-
-def _endless(limits: Array) -> Array:
-    """Limits with 1e30, daqp's infinity."""
-    return np.nan_to_num(limits, posinf=1e30, neginf=-1e30)

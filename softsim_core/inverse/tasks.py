@@ -189,8 +189,9 @@ def limited(error: Array, angular: Sequence[bool], max_shift: float, max_turn: f
 
     The direction stays, so an effector that cannot reach a far goal rests where it is nearest to it.
     """
-    most = np.where(angular, max_turn, max_shift)
-    return np.asarray(error * min(1.0, float(1.0 / np.max(np.abs(error) / most, initial=1e-300))))
+    most = (max_turn if each else max_shift for each in angular)
+    worst = max(abs(part) / limit for part, limit in zip(error.tolist(), most, strict=True))
+    return error if worst <= 1.0 else error / worst
 
 
 def inverse_right_jacobian(turn: Array) -> Array:

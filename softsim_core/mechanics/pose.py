@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,32 +56,24 @@ def rotation_euler(angles: Array) -> Array:
 
 def quaternion_of(rotation: Array) -> Array:
     """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3), by its largest component."""
-    m = rotation
-    squares = np.array(
-        [
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-        ]
-    )
-    largest = int(np.argmax(squares))
-    a, b, c = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    d, e, f = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
+    a, b, c = zy - yz, xz - zx, yx - xy
+    d, e, f = xy + yx, xz + zx, yz + zy
     candidates = (
         (squares[0], d, e, a),
         (d, squares[1], f, b),
         (e, f, squares[2], c),
         (a, b, c, squares[3]),
     )
-    quaternion = np.array(candidates[largest])
-    quaternion /= np.linalg.norm(quaternion)
-    return quaternion if quaternion[3] >= 0.0 else -quaternion
+    quaternion = np.array(candidates[squares.index(max(squares))])
+    length = math.sqrt(quaternion @ quaternion)
+    return quaternion / (length if quaternion[3] >= 0.0 else -length)
 
 
 def rotation_of(quaternion_xyzw: Array) -> Array:
     """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = quaternion_xyzw
+    x, y, z, w = np.asarray(quaternion_xyzw, dtype=float).tolist()
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -33,11 +33,11 @@ def limits(size: int = 3, torque: float = np.inf) -> Limits:
 def random_qp(rng: np.random.Generator) -> QP:
     size, rows = int(rng.integers(1, 6)), int(rng.integers(0, 5))
     root = rng.normal(size=(size, size))
-    names = tuple(str(k) for k in range(size))
+    names = tuple(str(k) for k in range(size + rows))
     return QP(
         root @ root.T + 1e-3 * np.eye(size), rng.normal(size=size), rng.normal(size=(rows, size)),
         rng.uniform(0.0, 0.5, rows), -rng.uniform(0.0, 0.4, size), rng.uniform(0.0, 0.4, size),
-        names, names, tuple(f"row {k}" for k in range(rows)),
+        np.ones(size, bool), np.ones(size, bool), names,
     )  # fmt: skip
 
 

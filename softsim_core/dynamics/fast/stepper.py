@@ -132,6 +132,7 @@ class NumbaStepper:
         self._soft = bool(model.spring.any())
         self._weight = model.mass[:, None] * model.gravity
         self._tuned: tuple[bytes, float, float] | None = None
+        self._upper = np.triu(np.ones((model.border_size, model.border_size), dtype=bool))
         at = Unknowns(model)
         self._prescribed, self._solved_border = (
             at.prescribed,
@@ -222,9 +223,10 @@ class NumbaStepper:
                 motion, loads, model.spring, data.border, data.free, data.mixed, data.nodes, data.work
             )
             factor(data.tree, data.work)
-            upper = np.triu(data.work.schur[:, :-1])
-            if np.isfinite(upper).all():
-                return np.asarray(upper + np.triu(upper, 1).T)
+            schur = data.work.schur[:, :-1]
+            stiffness = np.where(self._upper, schur, schur.T)
+            if np.isfinite(stiffness).all():
+                return stiffness
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
         return ScipyStepper(model).border_stiffness(state, parameters, forces)
 
