@@ -80,7 +80,7 @@ def stable_name(port: str, by_id: Path = BY_ID) -> str:
 
 
 def find_again(port: str, stable: str) -> str:
-    """The port to open after one was lost: the name the person gave, or the same device under a new number.
+    """The port to open after one was lost: the same device, whatever its number, or the name the person gave.
 
     Args:
         port: Name from the person; empty searches, see `find_port`.
@@ -89,8 +89,8 @@ def find_again(port: str, stable: str) -> str:
     Raises:
         PortError: of `find_port`.
     """
-    if port and stable and not Path(port).exists() and Path(stable).exists():
-        return stable
+    if port and stable and Path(stable).exists():
+        return stable  # the number in `port` may be another device's by now
     return find_port(port)
 
 

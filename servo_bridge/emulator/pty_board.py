@@ -46,6 +46,7 @@ class EmulatedBoardPty:
         bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
         baud_rate: Speed of the line to the board; what the port is opened with does not matter.
+        line: What the line makes of bytes, either way: noise, for tests; None leaves them as they are.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
@@ -59,9 +60,11 @@ class EmulatedBoardPty:
         bootloader: Path | str | None = None,
         link: Path | str | None = None,
         baud_rate: int = BAUD_RATE,
+        line: Callable[[bytes], bytes] | None = None,
     ) -> None:
         self.link = None if link is None else Path(link)
         self._board = EmulatedBoard(hex_path, bootloader, LOG_LENGTH, baud_rate)
+        self._line = line or bytes
         self._changed = threading.Condition()
         self._opened = False
         self._open_count = 0
@@ -215,7 +218,7 @@ class EmulatedBoardPty:
         ahead = time.monotonic() - self._board.time_s  # wall time minus virtual time
         while not pause.poll(SLICE_S * 1000.0):
             events = dict(line.poll(0)).get(master, 0)
-            data = _read(master) if events & select.POLLIN else b""
+            data = self._line(_read(master)) if events & select.POLLIN else b""
             behind = time.monotonic() - ahead - self._board.time_s
             if behind > LARGEST_LAG_S:
                 ahead += behind - LARGEST_SLICE_S
@@ -226,7 +229,7 @@ class EmulatedBoardPty:
                 sent = self._board.take_transmitted()
                 self._changed.notify_all()
             if sent and self._opened:
-                _write(master, sent)
+                _write(master, self._line(sent))
 
     def _look_at_line(self, opened: bool) -> None:
         if opened and not self._opened:

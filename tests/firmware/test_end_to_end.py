@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import re
 import signal
 import sys
@@ -272,6 +273,45 @@ def test_unplugged_at_any_time_it_comes_back_slowly(
     far_end.replug()  # a new port behind the same link
     assert far_end.wait_for(at(90, 120, 165), 15.0), f"{far_end.widths_us()} {process.output}"
     assert fastest_step_us(far_end) <= SLEW_US + 1.0
+
+
+class NoisyLine:
+    """Turns every bit over with a probability; counts the bits that it did."""
+
+    def __init__(self, rate: float) -> None:
+        self.flipped = 0
+        self._rate, self._random = rate, random.Random(8)
+
+    def __call__(self, data: bytes) -> bytes:
+        return bytes(map(self._pass, data))
+
+    def _pass(self, value: int) -> int:
+        mask = sum((self._random.random() < self._rate) << bit for bit in range(8))
+        self.flipped += mask.bit_count()
+        return value ^ mask
+
+
+def test_a_noisy_line_never_makes_a_servo_fast(
+    bridge: Callable[..., Process],
+    client: Client,
+    stream: Callable[[Any, Any], Stream],
+    tmp_path: Path,
+) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    noise = NoisyLine(1e-3)
+    with EmulatedBoardPty(link=tmp_path / "noisy", line=noise) as board:
+        process = bridge(port=board.port)
+        publisher = client.publisher(Float64MultiArray, "position_controller/commands")
+        sent = stream(publisher, commands(90, 120, 165))
+        for pose in [(90, 120, 165), (165, 90, 120), (120, 165, 90)] * 4:
+            sent.message = commands(*pose)
+            before = noise.flipped
+            assert board.wait_for(at(*pose), 30.0), f"{pose}: {board.widths_us()} {process.output}"
+            assert board.wait_for(lambda _, before=before: noise.flipped > before + 3, 30.0)
+        assert fastest_step_us(board) <= SLEW_US + 1.0
+        assert min(pulse.width_us for pulse in board.pulses) > byte_to_width(60) - TOLERANCE_US
+        assert board.failure == ""
 
 
 def test_a_typed_key_becomes_a_pulse(far_end: EmulatedBoardPty, tmp_path: Path) -> None:
