@@ -120,6 +120,7 @@ class InverseController:
         self._sampled_at: Array | None = None
         self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
         self._goal: Pose | None = None
+        self._pose: Pose | None = None
         self._correction = np.zeros(6)
         self._useless = 0
         self._damping = AdaptiveDamping(len(scene.joints), self.settings.lever)
@@ -200,7 +201,7 @@ class InverseController:
                 finite counts as not measured.
         """
         started = perf_counter()
-        before = effector(self.model)
+        before = effector(self.model) if self._pose is None else self._pose
         mismatch = self._learn(measured, before)
         solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
         task: Task | None = None
@@ -211,6 +212,7 @@ class InverseController:
             qp_ms = 1e3 * (perf_counter() - qp_started)
         diverged = not self._advance(solution.dq)
         pose, residual = effector(self.model), (0.0, 0.0)
+        self._pose = pose
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
             residual = self._residual(self._goal, pose, measured)
@@ -258,8 +260,8 @@ class InverseController:
     def _advance(self, dq: Array) -> bool:
         """Step the model under the next command; False: it diverged, and the command stays."""
         last = self.command
-        inside = np.clip(last + dq, np.minimum(self.limits.lower, last), np.maximum(self.limits.upper, last))
-        self.model.command(inside)
+        inside = np.maximum(last + dq, np.minimum(self.limits.lower, last))
+        self.model.command(np.minimum(inside, np.maximum(self.limits.upper, last)))
         try:
             self.model.step()
         except SolverDivergedError:
@@ -324,6 +326,7 @@ class InverseController:
     def _forget(self) -> None:
         """Begin anew, at rest and without goal."""
         self._goal = None
+        self._pose = None
         self._useless = 0
         self._correction = np.zeros(6)
         self._damping = AdaptiveDamping(len(self.command), self.settings.lever)

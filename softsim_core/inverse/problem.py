@@ -125,15 +125,16 @@ def build(
     for task in tasks:
         J = task.weights[:, None] * task.jacobian(sensitivity.effector, current)
         e = task.error(current)
-        near = gain * limited(e, task.angular, settings.max_shift, settings.max_turn)
+        near = limited(e, task.angular, settings.max_shift, settings.max_turn)
         P += J.T @ J
-        q -= J.T @ (task.weights * near)
+        q -= (gain * task.weights * near) @ J
     scale = max(float(P.trace()) / size, 1e-300)
     T = sensitivity.effort
     if settings.effort_weight > 0.0:
-        weight = settings.effort_weight * scale * size / max(float(np.vdot(T, T)), 1e-300)
-        P += weight * (T.T @ T)
-        q += weight * (T.T @ efforts)
+        square = T.T @ T
+        weight = settings.effort_weight * scale * size / max(float(square.trace()), 1e-300)
+        P += weight * square
+        q += weight * (efforts @ T)
     if settings.posture_weight > 0.0 and posture is not None:
         weight = settings.posture_weight * scale
         P.flat[:: size + 1] += weight
@@ -141,16 +142,16 @@ def build(
     P.flat[:: size + 1] += scale * FLOOR + damping
     scale = max(float(P.trace()) / size, 1e-300)
 
-    back, forth = limits.lower - joints, limits.upper - joints
+    back, forth, slow = limits.lower - joints, limits.upper - joints, -limits.step
     rows = [torque_rows(T, efforts, limits, gain), *constraints]
     return QP(
         P / scale,
         q / scale,
         np.concatenate([each.G for each in rows]) if len(rows) > 1 else rows[0].G,
         np.concatenate([each.h for each in rows]) if len(rows) > 1 else rows[0].h,
-        np.minimum(np.maximum(back, -limits.step), limits.step),
-        np.minimum(np.maximum(forth, -limits.step), limits.step),
-        back > -limits.step,
+        np.minimum(np.maximum(back, slow), limits.step),
+        np.minimum(np.maximum(forth, slow), limits.step),
+        back > slow,
         forth < limits.step,
         sum((each.names for each in rows), limits.names),
     )

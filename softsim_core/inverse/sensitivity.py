@@ -96,7 +96,7 @@ def sampled_sensitivity(simulation: Simulation, step: float = 1e-3) -> Sensitivi
 def _effector_index(simulation: Simulation) -> int:
     """Number of the free frame that is the end effector."""
     name = simulation.scene.effector
-    if name is None or not simulation.joint_names:
+    if name is None or not simulation.model.joints:
         raise SceneError(
             f"scene {simulation.scene.name} has no end effector moved by joints: inverse control needs "
             "`effector` and `joints`"

@@ -70,8 +70,6 @@ def solve(qp: QP) -> Solution:
     Raises:
         SceneError: the package daqp is not installed.
     """
-    if not math.isfinite(float(qp.P.sum() + qp.q.sum() + qp.G.sum())):
-        return _nothing(qp, "not_converged")
     _, free, failed = dposv(qp.P, -qp.q)  # most steps touch no limit
     if not failed and (free >= qp.lower).all() and (free <= qp.upper).all() and (qp.G @ free <= qp.h).all():
         return _checked(qp, free, np.zeros(len(qp.q) + len(qp.h)))
@@ -80,6 +78,8 @@ def solve(qp: QP) -> Solution:
 
 def _by_active_set(qp: QP) -> Solution:
     """Solve with daqp."""
+    if not all(np.isfinite(part).all() for part in (qp.P, qp.q, qp.G)):
+        return _nothing(qp, "not_converged")
     upper = np.concatenate([qp.upper, qp.h])
     lower = np.concatenate([qp.lower, np.full(len(qp.h), -np.inf)])
     if (lower > upper).any():

@@ -15,7 +15,7 @@ from softsim_core.scene.values import MeshFile, Placement
 LEVELS = ("low", "mid", "high")
 REFERENCE = "reference_"
 MESHES = (*LEVELS, *(REFERENCE + level for level in LEVELS))
-SCENES = ("held_centre", "tripod")
+SCENES = ("held_centre", "tripod", "inverse")
 
 OUR_PLACEMENT = Placement(translation=(0.0, 0.0, 0.025))
 REFERENCE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
@@ -52,7 +52,7 @@ def silicone(mesh: str, reference: Path) -> MeshFile:
 
 
 def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
-    """A benchmark scene: held_centre or the whole tripod.
+    """A benchmark scene: held_centre, the whole tripod, or the tripod again for inverse control.
 
     Our meshes run with the robot's own rotation law (polar), the reference's with the reference's (qr); both
     scenes of a mesh share the law.
@@ -62,7 +62,8 @@ def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
     """
     law: RotationLaw = "qr" if mesh.startswith(REFERENCE) else "polar"
     body = {"name": "silicone", "mesh": silicone(mesh, reference), "surface": None}
-    return load_scene(scene, {"bodies": [body], "solver": {"rotation": law}})
+    named = "tripod" if scene == "inverse" else scene
+    return load_scene(named, {"bodies": [body], "solver": {"rotation": law}})
 
 
 def available_meshes(reference: Path) -> list[str]:

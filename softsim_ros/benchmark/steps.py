@@ -16,6 +16,7 @@ from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.scipy_step import ScipyStepper, factorised
 from softsim_core.dynamics.stepper import Inputs
 from softsim_ros.benchmark.cases import Case
+from softsim_ros.benchmark.control import MovingGoal, can_control
 from softsim_ros.benchmark.records import Record
 from softsim_ros.benchmark.timing import Contender, take_turns
 
@@ -106,11 +107,17 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
         rounds: Turns of each.
 
     Returns:
-        One record a case and path, not judged yet.
+        One record a case and path, not judged yet; inverse control needs daqp and the Numba path.
     """
     contenders: list[Contender] = []
     sizes: dict[str, tuple[int, int]] = {}
-    for case in cases:
+    ticks = [case for case in cases if case.scene == "inverse" and "numba" in paths and can_control()]
+    for case in ticks:
+        goal = MovingGoal(case.description)
+        contenders.append(Contender("inverse", goal.controller.tick, STEPS_A_TURN["numba"], goal.stir))
+        sizes[case.scene] = (len(goal.controller.model.positions), len(goal.controller.model.tets))
+    steps = [case for case in cases if case.scene != "inverse"]
+    for case in steps:
         for path in paths:
             scene = MovingScene(case, path)
             contenders.append(
@@ -125,12 +132,12 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
     times = take_turns(contenders, rounds)
     return [
         _record(case, path, sizes[case.scene], times[f"{case.scene} {path}"], times[f"{case.scene} splu"])
-        for case in cases
+        for case in steps
         for path in paths
-    ]
+    ] + [_record(case, "numba", sizes[case.scene], times["inverse"], None) for case in ticks]
 
 
-def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Array) -> Record:
+def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Array | None) -> Record:
     return Record(
         scene=case.scene,
         mesh=case.mesh,
@@ -139,9 +146,9 @@ def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Ar
         elements=size[1],
         min_ms=float(step.min()),
         median_ms=float(np.median(step)),
-        splu_min_ms=float(splu.min()),
+        splu_min_ms=None if splu is None else float(splu.min()),
         extras={
-            "splu_median_ms": float(np.median(splu)),
+            **({} if splu is None else {"splu_median_ms": float(np.median(splu))}),
             "rotation": case.description.solver.rotation,
             "dt_s": case.description.dt,
             "samples": len(step),

@@ -24,7 +24,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="low meshes only, few samples, no node process")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers as a list of objects")
     parser.add_argument(
-        "--scene", action="append", choices=("held_centre", "tripod"), help="only this scene (repeatable)"
+        "--scene",
+        action="append",
+        choices=("held_centre", "tripod", "inverse"),
+        help="only this scene (repeatable)",
     )
     parser.add_argument(
         "--mesh",

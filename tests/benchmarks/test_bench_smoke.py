@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from softsim_ros.benchmark.cases import Case, default_reference_dir, describe
+from softsim_ros.benchmark.control import can_control
 from softsim_ros.benchmark.machine import limit_threads
 from softsim_ros.benchmark.records import Record, judge
 from softsim_ros.benchmark.report import table
@@ -52,7 +53,8 @@ def test_bench_tells_machine_threads_and_verdicts(quick_run: tuple[str, list[dic
 @pytest.mark.slow
 def test_bench_json_has_the_fixed_keys_first(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     _, records = quick_run
-    assert {(each["scene"], each["mesh"]) for each in records} == {("held_centre", "low"), ("tripod", "low")}
+    scenes = {"held_centre", "tripod"} | ({"inverse"} if can_control() else set())
+    assert {(each["scene"], each["mesh"]) for each in records} == {(scene, "low") for scene in scenes}
     for each in records:
         assert tuple(each)[: len(KEYS)] == KEYS
         assert 0.0 < each["min_ms"] <= each["median_ms"]
@@ -69,6 +71,10 @@ def test_ratios_are_sane(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     assert held["min_ms"] < 0.5 * held["splu_min_ms"]  # the target is one sixth
     assert step["tripod", "numba"]["min_ms"] < 3.0 * held["min_ms"]  # the target is 1.6
     assert held["min_ms"] < step["held_centre", "scipy"]["min_ms"]
+    if can_control():
+        tick = step["inverse", "numba"]
+        assert tick["min_ms"] < 6.0 * step["tripod", "numba"]["min_ms"]  # the target is 3
+        assert tick["limit"] == 3.0
 
 
 @pytest.mark.parametrize(
