@@ -1,0 +1,62 @@
+"""Compiling the kernels of a package with Numba, cached under a hash of the package's sources."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN and infinity keep their meaning
+
+
+class Compiler:
+    """Compiles the kernels in the files of one folder; where Numba is absent they stay plain Python.
+
+    The cache lies in a folder named after all sources of the package: Numba misses a change in a kernel that
+    another one calls.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._beside = folder / "__pycache__"
+        digest = hashlib.sha256()
+        for source in sorted(folder.glob("*.py")):
+            digest.update(source.read_bytes())
+        self._name = f"kernels-{digest.hexdigest()[:16]}"
+        try:
+            import numba
+        except ImportError:
+            self._numba: Any = None
+            return
+        self._numba = numba
+        if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
+            base = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+        elif os.access(self._beside if self._beside.is_dir() else folder, os.W_OK):
+            base = self._beside
+        else:
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
+        self._cache = str(base / self._name)
+
+    def kernel(self, function: F) -> F:
+        """Compile with cache, without the GIL; kernels live at module level, where the cache serves them."""
+        if self._numba is None:
+            return function
+        config = self._numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, self._cache  # read when the function is decorated
+        try:
+            return cast(
+                F,
+                self._numba.njit(cache=True, nogil=True, fastmath=_FLAGS, error_model="numpy")(function),
+            )
+        finally:
+            config.CACHE_DIR = before
+
+    def forget_old_kernels(self) -> None:
+        """Remove what earlier versions of the kernels left beside the present cache."""
+        for folder in self._beside.glob("kernels-*"):
+            if folder.name != self._name:
+                shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,85 @@
+"""Which collision surfaces may meet, and which surfaces cannot be used."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softsim_core.contact import CollisionSurface, check_surface, may_meet
+from softsim_core.errors import SceneError
+from softsim_core.mesh import boundary_surface, box_mesh
+
+FINGER, OTHER_FINGER, CUBE, FLOOR = 0, 1, 2, 3
+
+
+def surface(owner: int, *groups: str, moving: bool = True) -> CollisionSurface:
+    """A surface whose shape does not matter."""
+    return CollisionSurface(
+        name="surface",
+        vertices=slice(0, 3),
+        triangles=np.array([[0, 1, 2]]),
+        groups=frozenset(groups),
+        owner=owner,
+        moving=moving,
+    )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "meet"),
+    [
+        pytest.param(surface(FINGER, "1", "2"), surface(FINGER, "1"), False, id="finger-own_part_1"),
+        pytest.param(surface(FINGER, "1", "2"), surface(FINGER, "2"), False, id="finger-own_part_2"),
+        pytest.param(surface(FINGER, "1"), surface(FINGER, "2"), True, id="part_1-part_2"),
+        pytest.param(surface(FINGER, "1", "2"), surface(OTHER_FINGER, "1", "2"), False, id="finger-finger"),
+        pytest.param(surface(FINGER, "1", "2"), surface(OTHER_FINGER, "1"), False, id="finger-other_part"),
+        pytest.param(surface(FINGER, "1"), surface(OTHER_FINGER, "2"), True, id="part_1-other_part_2"),
+        pytest.param(surface(FINGER, "1"), surface(OTHER_FINGER, "1"), False, id="part_1-other_part_1"),
+        pytest.param(surface(FINGER, "1", "2"), surface(CUBE), True, id="finger-cube"),
+        pytest.param(surface(FINGER, "2"), surface(FLOOR, moving=False), True, id="part-floor"),
+        pytest.param(surface(CUBE), surface(FLOOR, moving=False), True, id="cube-floor"),
+        pytest.param(surface(FLOOR, moving=False), surface(4, moving=False), False, id="floor-wall"),
+        pytest.param(surface(FINGER), surface(FINGER), False, id="same_body_without_groups"),
+        pytest.param(surface(FINGER, "1"), surface(FINGER), False, id="same_body_one_without_group"),
+    ],
+)
+def test_a_shared_group_keeps_surfaces_apart(
+    first: CollisionSurface, second: CollisionSurface, meet: bool
+) -> None:
+    assert may_meet(first, second) is meet
+    assert may_meet(second, first) is meet
+
+
+def test_a_surface_does_not_meet_itself() -> None:
+    only = surface(FINGER, "1")
+    assert not may_meet(only, only)
+
+
+def box() -> tuple[np.ndarray, np.ndarray]:
+    """A closed surface of a box with several triangles a side."""
+    shape = boundary_surface(box_mesh((0.04, 0.02, 0.02), (4, 2, 2)))
+    return shape.points, shape.triangles
+
+
+def test_a_box_can_be_used() -> None:
+    check_surface(*box(), "box", closed=True)
+
+
+def test_an_open_surface_is_refused_for_a_body_with_mass() -> None:
+    points, triangles = box()
+    check_surface(points, triangles[1:], "lid")
+    with pytest.raises(SceneError, match="surface lid: it is open"):
+        check_surface(points, triangles[1:], "lid", closed=True)
+
+
+def test_a_surface_that_crosses_itself_is_refused() -> None:
+    points, triangles = box()
+    bent = points.copy()
+    bent[np.argmax(points @ [1.0, 1.0, 1.0])] -= [0.015, 0.03, 0.0]
+    with pytest.raises(SceneError, match=r"surface bent: triangles .* cross each other"):
+        check_surface(bent, triangles, "bent")
+
+
+def test_a_triangle_without_area_is_refused() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    with pytest.raises(SceneError, match="surface line: triangle 0 has no area"):
+        check_surface(points, np.array([[0, 1, 2]]), "line")
