@@ -20,16 +20,16 @@ class Rows(NamedTuple):
 
     Attributes:
         start: Where the entries of row r begin; the last one ends them, shape (r + 1,).
-        index: Node, or `nodes` + border unknown, of each entry, shape (k,).
+        place: Node, or `nodes` + border unknown, of each entry, shape (k,).
         coefficient: Shape (k, 3).
     """
 
     start: IndexArray
-    index: IndexArray
+    place: IndexArray
     coefficient: Array
 
     @property
-    def size(self) -> int:
+    def height(self) -> int:
         """Number of rows."""
         return len(self.start) - 1
 
@@ -38,23 +38,23 @@ def joined(parts: list[Rows]) -> Rows:
     """Rows one behind the other."""
     if len(parts) == 1:
         return parts[0]
-    ends = np.cumsum([0] + [len(part.index) for part in parts])
+    ends = np.cumsum([0] + [len(part.place) for part in parts])
     return Rows(
         np.concatenate(
             [part.start[:-1] + end for part, end in zip(parts, ends[:-1], strict=True)] + [ends[-1:]]
         ),
-        np.concatenate([np.zeros(0, np.int64)] + [part.index for part in parts]),
+        np.concatenate([np.zeros(0, np.int64)] + [part.place for part in parts]),
         np.concatenate([np.zeros((0, 3))] + [part.coefficient for part in parts]),
     )
 
 
 def sparse_rows(rows: Rows, nodes: int, border: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Rows as matrices on node coordinates (r, 3 nodes) and on border unknowns (r, border)."""
-    owner = np.repeat(np.arange(rows.size), np.diff(rows.start))
-    on_node = rows.index < nodes
-    columns = 3 * rows.index[on_node, None] + np.arange(3)
+    owner = np.repeat(np.arange(rows.height), np.diff(rows.start))
+    on_node = rows.place < nodes
+    columns = 3 * rows.place[on_node, None] + np.arange(3)
     lines = np.repeat(owner[on_node], 3)
     values = rows.coefficient[on_node].ravel()
-    first = sp.csr_matrix((values, (lines, columns.ravel())), shape=(rows.size, 3 * nodes))
-    values, columns = rows.coefficient[~on_node, 0], rows.index[~on_node] - nodes
-    return first, sp.csr_matrix((values, (owner[~on_node], columns)), shape=(rows.size, border))
+    first = sp.csr_matrix((values, (lines, columns.ravel())), shape=(rows.height, 3 * nodes))
+    values, columns = rows.coefficient[~on_node, 0], rows.place[~on_node] - nodes
+    return first, sp.csr_matrix((values, (owner[~on_node], columns)), shape=(rows.height, border))

@@ -21,7 +21,7 @@ from softsim_core.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.dynamics.rows import Rows, sparse_rows
-from softsim_core.dynamics.stepper import Inputs, Parameters
+from softsim_core.dynamics.stepper import Inputs, Parameters, no_rows
 from softsim_core.fem.corotational import stiffness_blocks, stresses, von_mises
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
@@ -83,7 +83,7 @@ class ScipyStepper:
         spread = (on_nodes @ self._mapping).toarray().T  # (d, r)
         spread[at.first_border :] += on_border.toarray().T
         self._held, self._answer = spread, np.zeros_like(spread)
-        if len(at.solved) and rows.size:
+        if len(at.solved) and rows.height:
             self._answer[at.solved] = self._factors.solve(spread[at.solved])
         return np.asarray(spread.T @ self._answer)
 
@@ -115,6 +115,12 @@ class ScipyStepper:
 
     def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
         """See Stepper."""
+        return self.border_response(state, parameters, forces, no_rows())[0]
+
+    def border_response(
+        self, state: State, parameters: Parameters, forces: Array, rows: Rows
+    ) -> tuple[Array, Array, Array]:
+        """See Stepper."""
         at, model = self._unknowns, self.model
         loads = static_forces(model, state, parameters.lame, forces)
         stiffness = node_stiffness(model, state, parameters.lame)
@@ -122,9 +128,17 @@ class ScipyStepper:
         free, border = slice(0, at.first_border), slice(at.first_border, at.size)
         coupling = tangent[free, border].toarray()
         condensed = tangent[border, border].toarray()
+        on_nodes, on_border = sparse_rows(rows, len(model.rest), model.border_size)
+        spread = (on_nodes @ jacobian(model, at, state)).toarray().T
+        arriving, compliance = spread[border] + on_border.toarray().T, np.zeros((rows.height, rows.height))
         if at.first_border:
-            condensed = condensed - tangent[border, free] @ factorised(tangent[free, free]).solve(coupling)
-        return np.asarray(0.5 * (condensed + condensed.T))
+            factors = factorised(tangent[free, free])
+            condensed = condensed - tangent[border, free] @ factors.solve(coupling)
+            if rows.height:
+                answer = factors.solve(spread[free])
+                arriving = arriving - tangent[border, free] @ answer
+                compliance = spread[free].T @ answer
+        return 0.5 * (condensed + condensed.T), arriving, compliance
 
     def system(self, state: State, inputs: Inputs, parameters: Parameters) -> tuple[sp.csc_matrix, Array]:
         """Matrix A and right-hand side b over free nodes, frames and joints (prescribed ones too).

@@ -11,8 +11,11 @@ from time import perf_counter
 
 import numpy as np
 
+from softsim_core.actuation.cable import CableView
 from softsim_core.actuation.limits import check_command
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.dynamics.constrained import NOTHING, ConstrainedStepper, ContactReport
 from softsim_core.dynamics.drive import JointDrive
 from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.statics import StaticSolution, solve_static
@@ -21,9 +24,10 @@ from softsim_core.errors import SceneError, SolverDivergedError, listing
 from softsim_core.fem.material import LinearMaterial
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
-from softsim_core.mechanics.state import pack, unpack
+from softsim_core.mechanics.state import MEMORY, pack, unpack
 from softsim_core.mesh.follower import SurfaceFollower
 from softsim_core.scene.builder import build
+from softsim_core.scene.contact_builder import contacts
 from softsim_core.scene.description import Backend, SceneDescription
 
 RUNAWAY_SPEED = 1.0e4
@@ -45,7 +49,11 @@ class Simulation:
         self.scene = scene
         built = build(scene)
         self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
-        self._stepper = make_stepper(self.model, backend or scene.solver.backend)
+        self._stepper: Stepper = make_stepper(self.model, backend or scene.solver.backend)
+        self.rigid_bodies, self._cables = built.rigid, built.cables
+        self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+        if self._cables is not None or self._contacts is not None or self.model.rigid.names:
+            self._stepper = ConstrainedStepper(self._stepper, self.model, self._cables, self._contacts)
         self._state = self.model.rest_state()
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(scene)
@@ -249,8 +257,10 @@ class Simulation:
         Raises:
             SnapshotError: not a snapshot of this scene; nothing is changed.
         """
-        shapes = [array.shape for array in self._saved()]
-        state, forces, lame, numbers, *drive = unpack(data, self._header, shapes)
+        shapes: list[tuple[int, ...]] = [array.shape for array in self._saved()]
+        *saved, memory = unpack(data, self._header, [*shapes[:-1], (-1, MEMORY)])
+        state, forces, lame, numbers, *drive = saved
+        self._state.memory = memory
         self._state.buffer[:] = state
         self.forces[:] = forces
         self.parameters.lame = lame
@@ -281,7 +291,9 @@ class Simulation:
         """
         targets = np.array(check_command(list(joints), self.joint_names))
         inputs = Inputs(targets, self.forces, self.base_shift if base_shift is None else float(base_shift))
-        return solve_static(self.model, self._state, inputs, self.parameters, tolerance=tolerance)
+        return solve_static(
+            self.model, self._state, inputs, self.parameters, cables=self._cables, tolerance=tolerance
+        )
 
     def settle(
         self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
@@ -300,7 +312,14 @@ class Simulation:
         """Everything a snapshot holds, in order."""
         parameters = self.parameters
         numbers = np.array([self._steps, parameters.rayleigh_stiffness, parameters.rayleigh_mass])
-        return [self._state.buffer, self.forces, parameters.lame, numbers, *self._drive.state()]
+        return [
+            self._state.buffer,
+            self.forces,
+            parameters.lame,
+            numbers,
+            *self._drive.state(),
+            self._state.memory,
+        ]
 
     def _fingerprint(self) -> tuple[object, ...]:
         model = self.model
@@ -367,10 +386,55 @@ class Simulation:
         for f, name in enumerate(self.model.frame_names):
             poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))
         for j, joint in enumerate(self.model.joints):
-            poses[joint.name] = Pose(joint.base_origin(self.base_shift), quaternion_of(joint.base_rotation))
-            origin, rotation = joint.frame(state.joint_positions[j], self.base_shift)
+            if joint.cable:
+                continue
+            base = joint.base_origin(self.base_shift) + self.model.carried(j, state)
+            poses[joint.name] = Pose(base, quaternion_of(joint.base_rotation))
+            origin, rotation = self.model.joint_frame(j, state)
             poses[f"{joint.name}_horn"] = Pose(origin, quaternion_of(rotation))
         return poses
+
+    @property
+    def rigid_poses(self) -> tuple[Pose, ...]:
+        """Poses of all rigid bodies, free and carried, in scene order."""
+        state, poses = self._state, []
+        for body in self.rigid_bodies:
+            if body.free >= 0:
+                position, rotation = state.rigid_positions[body.free], state.rigid_rotations[body.free]
+                poses.append(Pose(position.copy(), quaternion_of(rotation)))
+                continue
+            origin, turn = np.zeros(3), np.eye(3)
+            if body.on in self.joint_names:
+                origin, turn = self.model.joint_frame(self.joint_names.index(body.on), state)
+            elif body.on in self.model.frame_names:
+                f = self.model.frame_names.index(body.on)
+                origin, turn = state.frame_positions[f], state.frame_rotations[f]
+            poses.append(Pose(origin + turn @ body.position, quaternion_of(turn @ body.rotation)))
+        return tuple(poses)
+
+    @property
+    def cables(self) -> tuple[CableView, ...]:
+        """What one can see of each cable, in joint order."""
+        if self._cables is None:
+            return ()
+        return self._cables.views(self.model, self._state)
+
+    @property
+    def contacts(self) -> ContactReport:
+        """What touched in the last step."""
+        if isinstance(self._stepper, ConstrainedStepper):
+            return self._stepper.report
+        return NOTHING
+
+    @property
+    def collision_surfaces(self) -> tuple[CollisionSurface, ...]:
+        """Collision surfaces over `collision_points`."""
+        return () if self._contacts is None else self._contacts.surfaces
+
+    @property
+    def collision_points(self) -> Array:
+        """Where the vertices of the collision surfaces are, in [m], shape (v, 3)."""
+        return np.zeros((0, 3)) if self._contacts is None else self._contacts.points(self.model, self._state)
 
     @property
     def effector_pose(self) -> Pose | None:

@@ -1,14 +1,16 @@
 """Static equilibrium of a model: Newton's method with the exact tangent, line search and load stepping.
 
 With q the free nodes, free frames and compliant joints, x = x(q) the nodes, J = dx/dq and f the forces on
-nodes (elastic, weight, soft fixings, external), the residual is r(q) = J^T f + drive springs, and an
+nodes (elastic, weight, soft fixings, external, cables), the residual is r(q) = J^T f + drive springs, and an
 iteration solves
 
     (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid zones
 
-and adds dq, all or part of it (see WAYS). A load that is too far is approached in parts: joint targets and
-base shift move evenly, and the residual of the first state is taken away evenly. What comes out is checked:
-the last step is tiny, the equilibrium stable, and no element was turned inside out.
+and adds dq, all or part of it (see WAYS). Cables add their tensions t to f, the stiffness of their
+directions under tension to K, and their travels to what is solved; see cable_statics. A load that is too far
+is approached in parts: joint targets and base shift move evenly, and the residual of the first state is taken
+away evenly. What comes out is checked: the last step is tiny, the equilibrium stable, and no element was
+turned inside out.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -21,6 +23,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import (
     Unknowns,
@@ -29,6 +32,7 @@ from softsim_core.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
+from softsim_core.dynamics.cable_statics import CableFactors, cable_rows, cable_stiffness
 from softsim_core.dynamics.scipy_step import factorised
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.errors import NotConvergedError
@@ -76,6 +80,7 @@ def solve_static(
     inputs: Inputs,
     parameters: Parameters,
     *,
+    cables: Cables | None = None,
     tolerance: float = 1e-11,
 ) -> StaticSolution:
     """The stable equilibrium under constant inputs that is reached from `state`.
@@ -85,12 +90,13 @@ def solve_static(
         state: Where to start; it is not changed. Velocities do not matter; held nodes stay where they are.
         inputs: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
         parameters: Material; damping has no part in an equilibrium.
+        cables: The cables that joints pull; contacts have no part in it.
         tolerance: The last Newton step moves nothing by more than this, in [m].
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
     """
-    problem = _Problem(model, inputs, parameters, state)
+    problem = _Problem(model, inputs, parameters, state, cables)
     current, reached, part, steps = problem.start, 0.0, 1.0, 0
     while reached < 1.0:
         goal = min(1.0, reached + part)
@@ -109,8 +115,11 @@ def solve_static(
 class _Problem:
     """Residual and tangent of one static problem, and the Newton iteration on them."""
 
-    def __init__(self, model: Model, inputs: Inputs, parameters: Parameters, state: State) -> None:
-        self.model, self.inputs, self.parameters = model, inputs, parameters
+    def __init__(
+        self, model: Model, inputs: Inputs, parameters: Parameters, state: State, cables: Cables | None
+    ) -> None:
+        self.model, self.inputs, self.parameters, self.cables = model, inputs, parameters, cables
+        self.held = 0 if cables is None else len(cables)
         self.lame = parameters.lame[model.element_body]
         self.at = Unknowns(model)
         self.iterations = 0
@@ -118,17 +127,21 @@ class _Problem:
         self.start.velocities[:] = 0.0
         self.start.border_velocities[:] = 0.0
         self.first_targets = self.start.joint_positions.copy()
+        if cables is not None:
+            forced = cables.joint[cables.by_force]
+            self.first_targets[forced] = self.start.joint_efforts[forced]
         self.first_shift = float(self.start.base_shift[0])
         self.lever = self._levers()
         self.near = NEAR * float(np.cbrt(model.elements.volumes.mean())) if len(self.lame) else 0.0
-        self.first_residual = np.zeros(self.at.size)
+        self.first_residual = np.zeros(self.at.size + self.held)
         self.first_residual = self._residual(self.start, 0.0)[0]
+        self.first_residual[self.at.size :] = 0.0
         if not np.isfinite(self.first_residual + self.inputs.targets.sum() + self.inputs.base_shift).all():
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
 
     def _levers(self) -> Array:
         """What turns each unknown into a displacement: how far it moves its zone's nodes in [m], else 1."""
-        lever = np.ones(self.at.size)
+        lever = np.append(np.ones(self.at.size), np.zeros(self.held))
         screws = self.model.screws(self.start)
         for zone in self.model.zones:
             for k in zone.border.tolist():
@@ -153,7 +166,7 @@ class _Problem:
         for _ in range(WAYS[way]):
             residual, forces = self._residual(state, goal)
             factors = self._factors(state, forces, goal, warped)
-            step = self._solve(factors, residual)
+            step = self._solve(factors, residual, state)
             sizes.append(self._size(step))
             if not sizes[-1] < np.inf:
                 raise self._failure(SINGULAR, goal, residual)
@@ -187,7 +200,10 @@ class _Problem:
     def finish(self, state: State) -> float:
         """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
         residual, _ = self._residual(state, 1.0)
+        tensions = self._tensions(state)
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
+        if self.cables is not None:
+            self.cables.report(self.model, state, tensions)
         spring = self.at.drive * (self.inputs.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
         return self._unbalanced(residual)
@@ -203,24 +219,38 @@ class _Problem:
         if driven.any():
             residual, forces = self._residual(before, goal)
             stiffness = self._stiffness(before)
-            residual -= jacobian(model, at, before).T @ (stiffness @ driven)
-            self._move(state, self._solve(self._factors(before, forces, goal), residual))
+            residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
+            self._move(state, self._solve(self._factors(before, forces, goal), residual, before))
         return state
 
     def _targets(self, fraction: float) -> Array:
         return np.asarray(self.first_targets + fraction * (self.inputs.targets - self.first_targets))
 
     def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
-        """Generalised forces (d,) at a fraction of the load, and node forces (n, 3) in [N]."""
+        """Generalised forces and gaps of cables (d + c,) at a part of the load, node forces (n, 3) in [N]."""
         model, at = self.model, self.at
         forces = static_forces(model, state, self.parameters.lame, self.inputs.forces)
-        residual = jacobian(model, at, state).T @ forces.ravel()
+        residual = np.zeros(at.size + self.held)
+        if self.cables is not None:
+            spread, gaps = cable_rows(model, at, self.cables, state)
+            tensions = self._tensions(state)
+            forces = forces + (spread.on_nodes.T @ tensions).reshape(-1, 3)
+            residual[at.first_border : at.size] = spread.on_border.T @ tensions
+            residual[at.size :] = gaps
+        residual[: at.size] += jacobian(model, at, state).T @ forces.ravel()
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 
     def _stiffness(self, state: State, warped: bool = False) -> sp.csr_matrix:
         """Exact tangent -df/dx on the nodes, shape (3 n, 3 n)."""
-        return node_stiffness(self.model, state, self.parameters.lame, warped)
+        stiffness = node_stiffness(self.model, state, self.parameters.lame, warped)
+        if self.cables is not None:
+            stiffness = stiffness + cable_stiffness(self.model, self.cables, state, self._tensions(state))
+        return stiffness
+
+    def _tensions(self, state: State) -> Array:
+        """Tensions of the cables in [N], shape (c,)."""
+        return state.joint_efforts[self.cables.joint] if self.cables is not None else np.zeros(0)
 
     def _factors(self, state: State, forces: Array, fraction: float, warped: bool = False) -> Any:
         """Factorised tangent of the residual on the unknowns that are solved for."""
@@ -228,15 +258,29 @@ class _Problem:
         matrix = static_tangent(self.model, at, state, forces, self._stiffness(state, warped))
         self.iterations += 1
         try:
-            return factorised(matrix[at.solved][:, at.solved])
+            factors = factorised(matrix[at.solved][:, at.solved])
+            if self.cables is None:
+                return factors
+            rows, _ = cable_rows(self.model, at, self.cables, state)
+            return CableFactors(factors, rows.on_unknowns[:, at.solved], self._bounds(fraction))
         except RuntimeError:  # exactly singular
             residual, _ = self._residual(state, fraction)
             raise self._failure(SINGULAR, fraction, residual) from None
 
-    def _solve(self, factors: Any, residual: Array) -> Array:
-        step = np.zeros(self.at.size)
-        step[self.at.solved] = factors.solve(residual[self.at.solved])
+    def _solve(self, factors: Any, residual: Array, state: State) -> Array:
+        at, step = self.at, np.zeros(len(residual))
+        if self.cables is None:
+            step[at.solved] = factors.solve(residual[at.solved])
+        else:
+            step[at.solved], step[at.size :] = factors.solve(
+                residual[at.solved], residual[at.size :], self._tensions(state)
+            )
         return step
+
+    def _bounds(self, fraction: float) -> tuple[Array, Array]:
+        """Bounds of the tensions in [N], shapes (c,)."""
+        assert self.cables is not None
+        return self.cables.bounds(self._targets(fraction))
 
     def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
         """Take the part of a Newton step after which the next one, with the same tangent, is shorter.
@@ -247,7 +291,7 @@ class _Problem:
         before, size, part = _copy(self.model, state), self._size(step), 1.0
         while part >= SHORTEST_STEP:
             self._move(state, part * step)
-            remaining = self._size(self._solve(factors, self._residual(state, fraction)[0]))
+            remaining = self._size(self._solve(factors, self._residual(state, fraction)[0], state))
             if remaining <= (1.0 - 0.25 * part) * size:
                 return True
             state.copy_from(before)
@@ -263,6 +307,8 @@ class _Problem:
             state.frame_positions[f] += shift
             state.frame_rotations[f] = rotation_exp(turn) @ state.frame_rotations[f]
         state.joint_positions += step[at.joints]
+        if self.cables is not None:
+            state.joint_efforts[self.cables.joint] += step[at.size :]
         model.place_zones(state)
 
     def _size(self, step: Array) -> float:

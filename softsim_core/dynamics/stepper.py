@@ -99,6 +99,22 @@ class Stepper(Protocol):
         """
         ...
 
+    def border_response(
+        self, state: State, parameters: Parameters, forces: Array, rows: Rows
+    ) -> tuple[Array, Array, Array]:
+        """`border_stiffness`, and what forces on rows H do beside it.
+
+        Returns:
+            S (b, b) as `border_stiffness`; Z (b, r), the force that reaches the border a unit of each row's,
+            H_b^T - K_bi K_ii^-1 H_i^T; and W (r, r) in [m/N], H_i K_ii^-1 H_i^T with the border held.
+        """
+        ...
+
+
+def no_rows() -> Rows:
+    """No constraint rows."""
+    return Rows(np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
+
 
 def joint_stiffness(model: Model) -> Array:
     """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""

@@ -56,12 +56,14 @@ class RigidBodies:
             turned = rotation_exp(dt * velocity[3:]) @ before.rigid_rotations[r]
             state.rigid_rotations[r] = _orthonormal(turned)
 
-    def mobility(self, state: State) -> Array:
-        """Velocity and spin a unit of impulse and angular impulse, world axes, shape (r, 6, 6)."""
-        result = np.zeros((len(self.names), 6, 6))
+    def response(self, state: State, rows: Array) -> Array:
+        """Velocities and spins a unit of impulse on each row, world axes, for rows (k, 6 r), same shape."""
+        result = np.zeros_like(rows)
         for r, rotation in enumerate(state.rigid_rotations):
-            result[r, :3, :3] = np.eye(3) / self.mass[r]
-            result[r, 3:, 3:] = rotation @ np.linalg.inv(self.inertia[r]) @ rotation.T
+            linear, angular = slice(6 * r, 6 * r + 3), slice(6 * r + 3, 6 * r + 6)
+            result[:, linear] = rows[:, linear] / self.mass[r]
+            inverse = rotation @ np.linalg.inv(self.inertia[r]) @ rotation.T
+            result[:, angular] = rows[:, angular] @ inverse
         return result
 
 

@@ -102,6 +102,10 @@ def unpack(data: bytes, header: bytes, shapes: list[tuple[int, ...]]) -> list[Ar
         SnapshotError: another header or length, or a value that is not finite.
     """
     sizes = [int(np.prod(shape)) for shape in shapes]
+    if shapes and -1 in shapes[-1]:  # the last array is as long as what is left
+        row = -sizes[-1]
+        sizes[-1] = (len(data) - len(header)) // 8 - sum(sizes[:-1])
+        sizes[-1] -= sizes[-1] % row
     if data[: len(header)] != header or len(data) != len(header) + 8 * sum(sizes):
         raise SnapshotError("not a snapshot of this scene: take a new one with the scene that is running")
     values = np.frombuffer(data, dtype="<f8", offset=len(header)).astype(float)

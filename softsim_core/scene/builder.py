@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.stepper import Parameters
 from softsim_core.errors import SceneError
@@ -24,9 +25,10 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
+from softsim_core.scene.cable_builder import cables
 from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
 from softsim_core.scene.regions import nodes_in
-from softsim_core.scene.rigid_builder import rigid_bodies
+from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +54,13 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltScene:
-    """A scene ready to run: model, tunable parameters at their first values, bodies."""
+    """A scene ready to run: model, tunable parameters at their first values, and what is in it."""
 
     model: Model
     parameters: Parameters
     bodies: tuple[Body, ...]
+    rigid: tuple[RigidBody, ...]
+    cables: Cables | None
 
 
 def build(scene: SceneDescription) -> BuiltScene:
@@ -110,7 +114,7 @@ def build(scene: SceneDescription) -> BuiltScene:
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
-    return BuiltScene(model, parameters, bodies)
+    return BuiltScene(model, parameters, bodies, rigid_objects(scene), cables(scene, model, bodies))
 
 
 def _bodies(scene: SceneDescription) -> tuple[Body, ...]:

@@ -26,7 +26,7 @@ from softsim_core.dynamics.fast.simd import LANES, steady_seconds
 from softsim_core.dynamics.fast.tangent import assemble_tangent
 from softsim_core.dynamics.rows import Rows
 from softsim_core.dynamics.scipy_step import ScipyStepper
-from softsim_core.dynamics.stepper import Inputs, Parameters
+from softsim_core.dynamics.stepper import Inputs, Parameters, no_rows
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -162,18 +162,9 @@ class NumbaStepper:
     def compliance(self, rows: Rows, before: State) -> Array:
         """See Stepper."""
         data, border_size = self._prepared, self.model.border_size
-        padded = rows.size + (-rows.size) % LANES
-        self._spread = np.empty((len(data.work.solution), padded))
-        product = np.empty((padded, padded))
-        respond(
-            *rows, _motion(before), data.border, data.nodes, data.place, data.supernode, data.parent,
-            data.tree, data.work, self._spread, self._spans, product,
-        )  # fmt: skip
-        upper = np.triu(product[: rows.size, : rows.size])
-        result = -(upper + np.triu(upper, 1).T)
+        result = self._respond(rows, _motion(before))
         if border_size:
-            solved = self._solved_border
-            arriving = self._spread[len(self._spread) - border_size :, : rows.size]
+            solved, arriving = self._solved_border, self._arriving(rows.height)
             schur = np.triu(data.work.schur[:, :border_size])
             self._schur = schur + np.triu(schur, 1).T
             self._border_answer = np.zeros_like(arriving)
@@ -194,7 +185,7 @@ class NumbaStepper:
         )  # fmt: skip
         if len(free):
             first, held = size - len(free), self._prescribed
-            arriving = self._spread[len(self._spread) - size :, : len(impulses)] @ impulses
+            arriving = self._arriving(len(impulses)) @ impulses
             reaction = (self._schur @ change - arriving)[first:] / model.dt
             state.joint_efforts[held] += reaction[held]
             state.joint_efforts -= data.border.stiffness * (state.joint_positions - free)
@@ -212,6 +203,12 @@ class NumbaStepper:
 
     def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
         """See Stepper."""
+        return self.border_response(state, parameters, forces, no_rows())[0]
+
+    def border_response(
+        self, state: State, parameters: Parameters, forces: Array, rows: Rows
+    ) -> tuple[Array, Array, Array]:
+        """See Stepper."""
         model, data = self.model, self._prepared
         if self._polar:
             self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
@@ -226,9 +223,29 @@ class NumbaStepper:
             schur = data.work.schur[:, :-1]
             stiffness = np.where(self._upper, schur, schur.T)
             if np.isfinite(stiffness).all():
-                return stiffness
+                if not rows.height:
+                    return stiffness, np.zeros((len(stiffness), 0)), np.zeros((0, 0))
+                compliance = self._respond(rows, motion)
+                return stiffness, self._arriving(rows.height).copy(), compliance
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
-        return ScipyStepper(model).border_stiffness(state, parameters, forces)
+        return ScipyStepper(model).border_response(state, parameters, forces, rows)
+
+    def _respond(self, rows: Rows, motion: Motion) -> Array:
+        """H A^-1 H^T with the border held, (r, r); leaves Y and what reaches the border in self._spread."""
+        data = self._prepared
+        padded = rows.height + (-rows.height) % LANES
+        self._spread = np.empty((len(data.work.solution), padded))
+        product = np.empty((padded, padded))
+        respond(
+            *rows, motion, data.border, data.nodes, data.place, data.supernode, data.parent, data.tree,
+            data.work, self._spread, self._spans, product,
+        )  # fmt: skip
+        upper = np.triu(product[: rows.height, : rows.height])
+        return np.asarray(-(upper + np.triu(upper, 1).T))
+
+    def _arriving(self, rows: int) -> Array:
+        """What a unit of each row's force brings to the border, shape (b, rows)."""
+        return self._spread[len(self._spread) - self.model.border_size :, :rows]
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
         """Take over tunable parameters when they have changed."""

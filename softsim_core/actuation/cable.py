@@ -1,0 +1,159 @@
+"""Cables: frictionless lines through points that a body carries, pulled at one end.
+
+The length L is the sum of the straight segments; the travel s = L0 - L is how much shorter the cable is than
+at rest. Its row is H = ds/dx = -dL/dx: at a point the unit vectors towards both neighbours, so one tension
+acts in all segments. A cable that only pulls keeps s >= the commanded travel with a tension >= 0 that is zero
+where it is slack.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.dynamics.rows import Rows
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import State
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CableView:
+    """What one can see of a cable.
+
+    Attributes:
+        name: Name of the joint that pulls it.
+        points: Its points in [m], a pull point first where there is one, shape (k, 3).
+        pulled_from_outside: Whether the first point is a pull point.
+        length: In [m].
+        tension: In [N].
+    """
+
+    name: str
+    points: Array
+    pulled_from_outside: bool
+    length: float
+    tension: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cables:
+    """All cables of a scene; their points one behind the other, a pull point first where there is one.
+
+    Attributes:
+        names: Names of the joints that pull them.
+        joint: Indices of these joints, shape (c,).
+        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4); pull points have zeros.
+        pull: Pull points: number of the point, joint that carries it (or -1), and where in its frame in [m].
+        rest_length: Lengths in [m] at travel 0, shape (c,).
+        lower, upper: Bounds of the tensions in [N], shape (c,).
+        by_force: Whether the command is a tension in [N] instead of a travel in [m], shape (c,).
+    """
+
+    names: tuple[str, ...]
+    joint: IndexArray
+    first: IndexArray
+    nodes: IndexArray
+    weights: Array
+    pull: tuple[tuple[int, int, Array], ...]
+    rest_length: Array
+    lower: Array
+    upper: Array
+    by_force: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def points(self, model: Model, state: State) -> Array:
+        """All points in [m], shape (p, 3)."""
+        points = np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes])
+        for point, joint, local in self.pull:
+            points[point] = local
+            if joint >= 0:
+                origin, rotation = model.joint_frame(joint, state)
+                points[point] = origin + rotation @ local
+        return np.asarray(points)
+
+    def directions(self, points: Array) -> tuple[Array, Array]:
+        """Unit vectors and lengths in [m] of the segments behind each point; 0 between cables."""
+        along = np.diff(points, axis=0)
+        along[self.first[1:-1] - 1] = 0.0
+        length = np.sqrt((along**2).sum(axis=1))
+        return along / np.maximum(length, 1e-12)[:, None], length
+
+    def lengths(self, points: Array) -> Array:
+        """Length of each cable in [m], shape (c,)."""
+        return self._sums(np.append(self.directions(points)[1], 0.0))
+
+    def pulls(self, points: Array) -> Array:
+        """H on the points: the force on each point a unit of tension, shape (p, 3)."""
+        unit, _ = self.directions(points)
+        pulls = np.zeros_like(points)
+        pulls[:-1] = unit
+        pulls[1:] -= unit
+        return pulls
+
+    def shortening(self, pulls: Array, moved: Array) -> Array:
+        """H . displacement in [m] of each cable for displacements (p, 3) of the points, shape (c,)."""
+        return self._sums((pulls * moved).sum(axis=1))
+
+    def rows(self, model: Model, state: State, points: Array, pulls: Array) -> Rows:
+        """The cables' rows; a commanded travel enters as -1 on its joint, so that a row is s - travel."""
+        nodes, frames = len(model.rest), 6 * len(model.frame_names)
+        screws = model.screws(state) if any(joint >= 0 for _, joint, _ in self.pull) else None
+        start, index, coefficient = [0], [], []
+        for c in range(len(self)):
+            own = slice(self.first[c], self.first[c + 1])
+            index.append(self.nodes[own].ravel())
+            shares = self.weights[own][:, :, None] * pulls[own][:, None, :]
+            coefficient.append(shares.reshape(-1, 3))
+            extra: list[tuple[int, float]] = []
+            for point, joint, _ in self.pull:
+                if own.start <= point < own.stop and joint >= 0:
+                    assert screws is not None
+                    for a in model.chain(joint):
+                        moved = screws.jacobian(frames + a, points[point : point + 1])[0]
+                        extra.append((frames + a, float(pulls[point] @ moved)))
+            if not self.by_force[c]:
+                extra.append((frames + int(self.joint[c]), -1.0))
+            for unknown, value in extra:
+                index.append(np.array([nodes + unknown]))
+                coefficient.append(np.array([[value, 0.0, 0.0]]))
+            start.append(start[-1] + 4 * (own.stop - own.start) + len(extra))
+        return Rows(np.array(start), np.concatenate(index), np.concatenate(coefficient))
+
+    def views(self, model: Model, state: State) -> tuple[CableView, ...]:
+        """What one can see of each cable."""
+        points = self.points(model, state)
+        lengths, outside = self.lengths(points), {point for point, _, _ in self.pull}
+        return tuple(
+            CableView(
+                name,
+                points[self.first[c] : self.first[c + 1]],
+                int(self.first[c]) in outside,
+                float(lengths[c]),
+                float(state.joint_efforts[self.joint[c]]),
+            )
+            for c, name in enumerate(self.names)
+        )
+
+    def bounds(self, commands: Array) -> tuple[Array, Array]:
+        """Bounds of the tensions in [N], shapes (c,), for the commands of all joints (j,)."""
+        wanted = np.clip(commands[self.joint], self.lower, self.upper)
+        return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
+
+    def report(self, model: Model, state: State, tensions: Array) -> None:
+        """Write tensions (c,) [N] as joint efforts, and the travel of cables commanded by force."""
+        state.joint_efforts[self.joint] = tensions
+        if self.by_force.any():
+            travel = self.rest_length - self.lengths(self.points(model, state))
+            state.joint_positions[self.joint[self.by_force]] = travel[self.by_force]
+
+    def gaps(self, state: State, points: Array) -> Array:
+        """Travel beyond the commanded one in [m], s - q, shape (c,)."""
+        return np.asarray(self.rest_length - self.lengths(points) - state.joint_positions[self.joint])
+
+    def _sums(self, values: Array) -> Array:
+        return np.asarray(np.add.reduceat(values, self.first[:-1]))

@@ -1,0 +1,209 @@
+"""Contacts of a scene: where collision surfaces are, what touches, and the rows of what touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.contact.detection import Detector, Proximities
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.dynamics.rows import Rows
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import MEMORY, State
+from softsim_core.scene.objects import ContactSettings
+
+KEYS = 1 << 52
+"""Keys of contacts are kept below this, so that a float64 holds them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carrier:
+    """What carries collision vertices that no deformable body carries.
+
+    Attributes:
+        vertices: Range of collision vertices.
+        local: Positions in the carrier's frame in [m], shape (k, 3).
+        rigid: Number of the free rigid body, or -1.
+        frame: Number of the free frame, or -1.
+        joint: Number of the joint, or -1; all three -1: the world.
+    """
+
+    vertices: slice
+    local: Array
+    rigid: int = -1
+    frame: int = -1
+    joint: int = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touching:
+    """Contacts of one step: three rows each, along the normal and two tangents.
+
+    Attributes:
+        rows: On nodes and border unknowns, 3 k rows.
+        on_rigid: On velocities and spins of the rigid bodies, shape (3 k, 6 r).
+        gap: After free motion: the gap beyond the contact distance, then the slip, in [m], shape (3 k,).
+        directions: Normal and tangents, shape (k, 3, 3).
+        points: Middle of each contact in [m], shape (k, 3).
+        pairs: Numbers of the two surfaces, shape (k, 2).
+        keys: What touches, shape (k,).
+    """
+
+    rows: Rows
+    on_rigid: Array
+    gap: Array
+    directions: Array
+    points: Array
+    pairs: IndexArray
+    keys: Array
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def remembered(self, memory: Array) -> Array:
+        """Forces (3 k,) in [N] to start from: those of the same contacts in State.memory."""
+        start = np.zeros((len(self), 3))
+        if len(memory) and len(self):
+            place = np.minimum(np.searchsorted(memory[:, 0], self.keys), len(memory) - 1)
+            known = memory[place, 0] == self.keys
+            start[known] = memory[place[known], 1:]
+        return start.ravel()
+
+    def memory(self, forces: Array) -> Array:
+        """State.memory of this step's forces (3 k,) in [N], sorted by key."""
+        rows = np.column_stack([self.keys, forces.reshape(-1, 3)])
+        return rows[np.argsort(self.keys, kind="stable")]
+
+
+class Contacts:
+    """The collision surfaces of a scene, and what carries their vertices.
+
+    Args:
+        surfaces: The surfaces, over one array of vertices.
+        settings: Distances and friction.
+        nodes, weights: Nodes that carry each vertex, and weights; zeros where a carrier does, (v, 4) each.
+        carriers: What carries the other vertices.
+    """
+
+    def __init__(
+        self,
+        surfaces: tuple[CollisionSurface, ...],
+        settings: ContactSettings,
+        nodes: IndexArray,
+        weights: Array,
+        carriers: tuple[Carrier, ...],
+        model: Model,
+    ) -> None:
+        self.surfaces, self.settings, self.carriers = surfaces, settings, carriers
+        self._nodes, self._weights = nodes, weights
+        self._soft: BoolArray = weights.any(axis=1)
+        self._carrier = np.full(len(nodes), -1)
+        for number, carrier in enumerate(carriers):
+            self._carrier[carrier.vertices] = number
+        self._last = np.zeros((len(nodes), 3))
+        self._moving = any(carrier.frame >= 0 or carrier.joint >= 0 for carrier in carriers)
+        start = self.points(model, model.rest_state())
+        self._detector = Detector(surfaces, start, settings)
+
+    def points(self, model: Model, state: State) -> Array:
+        """Positions of the collision vertices in [m], shape (v, 3)."""
+        points, soft = np.zeros((len(self._nodes), 3)), self._soft
+        points[soft] = np.einsum("vk,vki->vi", self._weights[soft], state.positions[self._nodes[soft]])
+        for carrier in self.carriers:
+            origin, rotation = _pose(carrier, model, state)
+            points[carrier.vertices] = origin + carrier.local @ rotation.T
+        return points
+
+    def near(self, points: Array, reach: float) -> Proximities:
+        """What is nearer than `reach` [m] for vertices at `points` (v, 3)."""
+        return self._detector.detect(points, reach)
+
+    def find(self, model: Model, before: State, free: State) -> Touching:
+        """What touches in a step from `before` that moves freely to `free`."""
+        points, moved = self.points(model, before), self.points(model, free)
+        moved -= points
+        fastest = float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0)))
+        near = self.near(points, self.settings.alarm_distance + 2.0 * fastest)
+        directions = _directions(near.normal)
+        slip = np.einsum("kc,kci->ki", near.a_weights, moved[near.a])
+        slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
+        gap = np.einsum("kdi,ki->kd", directions, slip)
+        gap[:, 0] += near.distance - self.settings.contact_distance
+        middle = np.einsum("kc,kci->ki", near.a_weights, points[near.a])
+        middle += np.einsum("kc,kci->ki", near.b_weights, points[near.b])
+        rows, on_rigid = self._rows(near, directions, points, model, before)
+        keys = (near.key % KEYS).astype(float)
+        return Touching(rows, on_rigid, gap.ravel(), directions, 0.5 * middle, near.pair, keys)
+
+    def _rows(
+        self, near: Proximities, directions: Array, points: Array, model: Model, state: State
+    ) -> tuple[Rows, Array]:
+        """Rows of all contacts: node entries, border entries, and the rigid bodies' part."""
+        count, nodes = len(near.key), len(model.rest)
+        vertices = np.concatenate([near.a, near.b], axis=1)
+        shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
+        contact, corner = np.nonzero(self._soft[vertices] & (shares != 0.0))
+        vertex, share = vertices[contact, corner], shares[contact, corner]
+        weight = share[:, None] * self._weights[vertex]
+        entry, k = np.nonzero(weight)
+        owner, index, weight = contact[entry], self._nodes[vertex[entry], k], weight[entry, k]
+        lines = [(3 * owner[:, None] + np.arange(3)).ravel()]
+        indices = [np.repeat(index, 3)]
+        values = [(weight[:, None, None] * directions[owner]).reshape(-1, 3)]
+        on_rigid = np.zeros((3 * count, 6 * len(model.rigid.names)))
+        screws = model.screws(state) if self._moving else None
+        contact, corner = np.nonzero(~self._soft[vertices] & (shares != 0.0))
+        for c, v, share in zip(contact, vertices[contact, corner], shares[contact, corner], strict=True):
+            carrier = self.carriers[self._carrier[v]]
+            ways, point = share * directions[c], points[v]
+            if carrier.rigid >= 0:
+                lever = np.cross(point - state.rigid_positions[carrier.rigid], ways)
+                first = 6 * carrier.rigid
+                on_rigid[3 * c : 3 * c + 3, first : first + 3] += ways
+                on_rigid[3 * c : 3 * c + 3, first + 3 : first + 6] += lever
+            for b in _border(carrier, model):
+                assert screws is not None
+                motion = screws.jacobian(b, point[None])[0]
+                lines.append(3 * c + np.arange(3))
+                indices.append(np.full(3, nodes + b))
+                values.append(np.column_stack([ways @ motion, np.zeros((3, 2))]))
+        line = np.concatenate(lines)
+        order = np.argsort(line, kind="stable")
+        start = np.concatenate([[0], np.cumsum(np.bincount(line, minlength=3 * count))])
+        return Rows(start, np.concatenate(indices)[order], np.concatenate(values)[order]), on_rigid
+
+
+def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
+    """Origin (3,) and rotation (3, 3) of a carrier."""
+    if carrier.rigid >= 0:
+        return state.rigid_positions[carrier.rigid], state.rigid_rotations[carrier.rigid]
+    if carrier.frame >= 0:
+        return state.frame_positions[carrier.frame], state.frame_rotations[carrier.frame]
+    if carrier.joint >= 0:
+        return model.joint_frame(carrier.joint, state)
+    return np.zeros(3), np.eye(3)
+
+
+def _border(carrier: Carrier, model: Model) -> list[int]:
+    """Border unknowns that move a carrier."""
+    if carrier.frame >= 0:
+        return list(range(6 * carrier.frame, 6 * carrier.frame + 6))
+    if carrier.joint >= 0:
+        return [6 * len(model.frame_names) + j for j in model.chain(carrier.joint)]
+    return []
+
+
+def _directions(normal: Array) -> Array:
+    """Normals (k, 3) and two tangents each, shape (k, 3, 3); the same normal gives the same tangents."""
+    aside = np.zeros_like(normal)
+    aside[np.arange(len(normal)), np.argmin(np.abs(normal), axis=1)] = 1.0
+    first = np.cross(normal, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+
+
+def no_memory() -> Array:
+    """State.memory when nothing touches."""
+    return np.zeros((0, MEMORY))

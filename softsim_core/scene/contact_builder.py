@@ -1,0 +1,148 @@
+"""Collision surfaces of a scene, compiled: which vertices they have, and what carries them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
+from softsim_core.dynamics.contacts import Carrier, Contacts
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mesh import SurfaceMesh, embed, read_surface
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.objects import CollisionDescription
+from softsim_core.scene.regions import nodes_in
+from softsim_core.scene.rigid_builder import RigidBody
+
+if TYPE_CHECKING:
+    from softsim_core.scene.builder import Body
+
+
+def contacts(
+    scene: SceneDescription, model: Model, bodies: tuple[Body, ...], rigid: tuple[RigidBody, ...]
+) -> Contacts | None:
+    """The collision surfaces of a scene, or None where no two can meet.
+
+    Raises:
+        SceneError: a surface cannot be used, or two overlap at the start.
+        MeshError: a file cannot be read.
+    """
+    surfaces: list[CollisionSurface] = []
+    nodes: list[IndexArray] = []
+    weights: list[Array] = []
+    carriers: list[Carrier] = []
+    first = 0
+    for description in scene.collisions:
+        owner = scene.body_names.index(description.body)
+        soft = owner < len(bodies)
+        name = f"of collision {description.name}"
+        if soft:
+            body = bodies[owner]
+            surface, bound_nodes, bound_weights = _on_body(description, body)
+            moving = bool((model.zone_of_node[body.nodes] == FREE).any())
+        else:
+            thing = rigid[owner - len(bodies)]
+            surface = _chosen(description, thing.surface)
+            moving = thing.free >= 0 or thing.on != "world"
+        sphere = not soft and rigid[owner - len(bodies)].radius > 0.0 and description.surface is None
+        if sphere:
+            surface = SurfaceMesh(np.zeros((1, 3)), np.zeros((0, 3), np.int64), surface.name)
+        else:
+            check_surface(surface.points, surface.triangles, name)
+        size = len(surface.points)
+        vertices = slice(first, first + size)
+        if not soft:
+            bound_nodes, bound_weights = np.zeros((size, 4), np.int64), np.zeros((size, 4))
+            carriers.append(_carrier(thing, vertices, surface.points, scene, model))
+        surfaces.append(
+            CollisionSurface(
+                name=description.name,
+                vertices=vertices,
+                triangles=surface.triangles + first,
+                groups=frozenset(description.groups),
+                owner=owner,
+                moving=moving,
+                radius=rigid[owner - len(bodies)].radius if sphere else 0.0,
+            )
+        )
+        nodes.append(bound_nodes)
+        weights.append(bound_weights)
+        first += size
+    if not any(may_meet(a, b) for k, a in enumerate(surfaces) for b in surfaces[:k]):
+        return None
+    result = Contacts(
+        tuple(surfaces),
+        scene.contact,
+        np.concatenate(nodes),
+        np.concatenate(weights),
+        tuple(carriers),
+        model,
+    )
+    _check_start(result, model, scene)
+    return result
+
+
+def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
+    """A surface that a deformable body carries, and the nodes and weights of its vertices, (v, 4) each."""
+    if description.surface is None:
+        whole = SurfaceMesh(body.mesh.points, body.boundary - body.nodes.start, body.name)
+    else:
+        whole = read_surface(description.surface.file, description.surface.placement)
+    surface = _chosen(replace(description, surface=None), whole)
+    bound = embed(surface.points, body.mesh)
+    weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
+    return surface, bound.nodes + body.nodes.start, weights
+
+
+def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
+    """The triangles with all corners in one of the boxes, and only the points they use."""
+    if description.surface is not None:
+        surface = read_surface(description.surface.file, description.surface.placement)
+    triangles = surface.triangles
+    if description.boxes:
+        keep = np.zeros(len(triangles), dtype=bool)
+        for box in description.boxes:
+            inside = np.zeros(len(surface.points), dtype=bool)
+            inside[nodes_in(box, surface.points)] = True
+            keep |= inside[triangles].all(axis=1)
+        triangles = triangles[keep]
+        if not len(triangles):
+            raise SceneError(
+                f"collision {description.name}: no triangle of body {description.body} lies inside its "
+                "boxes; move or enlarge them"
+            )
+    used, numbered = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(surface.points[used], numbered.reshape(-1, 3).astype(np.int64), surface.name)
+
+
+def _carrier(
+    thing: RigidBody, vertices: slice, points: Array, scene: SceneDescription, model: Model
+) -> Carrier:
+    """What carries the vertices of a rigid body's surface."""
+    if thing.free >= 0:
+        return Carrier(vertices, points, rigid=thing.free)
+    local = thing.position + points @ thing.rotation.T
+    if thing.on in scene.joint_names:
+        return Carrier(vertices, local, joint=scene.joint_names.index(thing.on))
+    if thing.on in model.frame_names:
+        return Carrier(vertices, local, frame=model.frame_names.index(thing.on))
+    return Carrier(vertices, local)
+
+
+def _check_start(contacts: Contacts, model: Model, scene: SceneDescription) -> None:
+    """Refuse a scene whose bodies overlap before the first step."""
+    state = model.rest_state()
+    near = contacts.near(contacts.points(model, state), scene.contact.alarm_distance)
+    if not len(near.distance):
+        return
+    worst = int(np.argmin(near.distance))
+    if near.distance[worst] < 0.0:
+        a, b = (contacts.surfaces[number].name for number in near.pair[worst])
+        raise SceneError(
+            f"scene {scene.name}: collision surfaces {a} and {b} overlap by "
+            f"{-1e3 * near.distance[worst]:.2g} mm at the start; move one of their bodies"
+        )
