@@ -30,6 +30,8 @@ from softsim_core.inverse.tilts import tilt_rotation, tilts_of
 from softsim_core.mechanics.pose import quaternion_of, rotation_of
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.goals import WORLD, checked_pose
+from softsim_ros.inverse.inverse_switch import InverseSwitch
+from softsim_ros.inverse.path_follower_parameters import LEAVE
 from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
 from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
@@ -41,6 +43,9 @@ from softsim_ros.simulator.simulator_node import requested_robot
 
 NODE_NAME: Final = "closed_loop"
 MEASURES: Final = ("imu", "effector_pose")
+TASKS: Final = ("height_tilt", "orientation", "pose", LEAVE)
+"""Tasks of the inverse controller that turn the plate."""
+
 GAINS: Final = {
     "kp": "proportional",
     "ki": "integral",
@@ -108,6 +113,9 @@ class ClosedLoop(ClosableNode):
             self.create_subscription(Imu, "imu", self._on_imu, 1)
         else:
             self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+        self._task = str(self.get_parameter("task").value)
+        self._inverse = InverseSwitch(self, lambda _: None, self.get_logger().warning)
+        self._follows = self._task == LEAVE
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))
         self.add_on_set_parameters_callback(self._on_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -129,6 +137,9 @@ class ClosedLoop(ClosableNode):
             self, "measure_timeout", 0.5, "A measure older than this, in s, holds the command", 0.01, 60.0
         )
         declare_text(self, "measure", MEASURES[0], "Topic of the measured orientation", choices=MEASURES)
+        declare_text(
+            self, "task", "height_tilt", "What the inverse controller follows from then on", choices=TASKS
+        )
         declare_text(
             self, "log_file", "", "File for a row of comma separated values a step; none where empty"
         )
@@ -153,6 +164,7 @@ class ClosedLoop(ClosableNode):
         """Begin anew (no integral, time 0), or give no goals any more; returns a sentence."""
         if enabled and not self._enabled:
             self._loop.begin(time.monotonic())
+            self._follows = self._task == LEAVE
         self._enabled = enabled
         waits = enabled and not self._loop.has_measure
         return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
@@ -222,6 +234,10 @@ class ClosedLoop(ClosableNode):
     def _tick(self) -> None:
         if not self._enabled:
             return
+        self._inverse.expire()
+        if not self._follows and self._inverse.is_there:
+            self._inverse.follow(self._task)
+            self._follows = True
         step = self._loop.step(time.monotonic())
         if step is None:
             self._say(f"waiting: nothing was measured on {self._source} yet, so no goal is given")

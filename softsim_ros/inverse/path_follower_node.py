@@ -44,7 +44,9 @@ GOAL_PERIOD_S: Final = 0.02
 
 PROGRESS_PERIOD_S: Final = 0.1
 DISCOVERY_S: Final = 5.0
-"""An automatic start waits for the other nodes at most this long."""
+"""A start waits at most this long for other nodes, and for the inverse controller to hear of the joints."""
+
+RETRY_PERIOD_S: Final = 0.25
 
 
 class PathFollower(ClosableNode):
@@ -96,6 +98,8 @@ class PathFollower(ClosableNode):
         self._problem = ""
         # An automatic start is due as soon as the others are found, at the latest at this time.
         self._start_by: float | None = None
+        # A path whose inverse controller refused to be switched on: when to ask again, when to give up.
+        self._refused: tuple[EffectorPath, float, float] | None = None
         simulated = bool(self.get_parameter("use_sim_time").value)
         self._path_clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._ticked_at = self._now()
@@ -137,7 +141,7 @@ class PathFollower(ClosableNode):
         return self._play()
 
     def _play(self) -> str:
-        self._start_by = None
+        self._start_by = self._refused = None
         self._check_enabled()
         path = self._path()
         self._problem = ""
@@ -152,8 +156,28 @@ class PathFollower(ClosableNode):
         if self._inverse.is_on or not self._switch("enable_inverse"):
             self._begin_path(path)
         else:
-            self._inverse.enable(lambda reason: self._on_inverse_answer(reason, path))
+            self._switch_on(path, time.monotonic() + DISCOVERY_S)
         return _started(path)
+
+    def _switch_on(self, path: EffectorPath, give_up_at: float) -> None:
+        """Switch the inverse controller on, then begin; ask again until `give_up_at` in [s]."""
+
+        def on_answer(reason: str) -> None:
+            if not self._enabled:
+                return
+            if not reason:
+                self._problem = ""
+                self._begin_path(path)
+                return
+            trouble = f"the inverse controller cannot be switched on: {reason}"
+            now = time.monotonic()
+            if now < give_up_at:
+                self._problem = f"waiting: {trouble}"
+                self._refused = (path, now + RETRY_PERIOD_S, give_up_at)
+            else:
+                self._warn(f"not started: {trouble}")
+
+        self._inverse.enable(on_answer)
 
     def _task(self) -> str:
         """What the inverse controller shall follow; empty: what it does now."""
@@ -189,7 +213,7 @@ class PathFollower(ClosableNode):
         self._enabled = enabled
         if enabled:
             return "ready"
-        self._start_by = None
+        self._start_by = self._refused = None
         self._player.stop()
         return "off: no goals are given"
 
@@ -206,12 +230,6 @@ class PathFollower(ClosableNode):
                 )
             start = self._measured
         return read_path(self._file, start)
-
-    def _on_inverse_answer(self, reason: str, path: EffectorPath) -> None:
-        if reason:
-            self._warn(f"not started: the inverse controller cannot be switched on: {reason}")
-        elif self._enabled:
-            self._begin_path(path)
 
     def _on_inverse(self, is_on: bool) -> None:
         """The inverse controller was seen to go on or off."""
@@ -269,6 +287,9 @@ class PathFollower(ClosableNode):
         self._inverse.expire()
         if self._start_by is not None and (self._can_start() or time.monotonic() > self._start_by):
             self._attempt_start()
+        if self._refused is not None and time.monotonic() > self._refused[1]:
+            (path, _, give_up_at), self._refused = self._refused, None
+            self._switch_on(path, give_up_at)
         speed, loop = float(self.get_parameter("speed").value), self._switch("loop")
         pose = self._player.advance(speed * elapsed, loop=loop)
         if pose is None:

@@ -50,7 +50,7 @@ def test_a_goal_moves_the_bytes_and_its_end_holds_them(
 
         assert spin_until(at_start), bridge.output
         assert spin_until(lambda: len(applied) > 0)
-        assert enable(True)
+        assert spin_until(lambda: at_start() and enable(True))  # once it has heard of the joints
         assert spin_until(lambda: len(poses) > 2)
         # the model stands with its bases moved in, as the robot is mounted: 27.6 mm high
         assert abs(poses[-1].pose.position.z - 0.0276) < 1e-3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -119,10 +120,11 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
     start_follower: Any, client: Any, spin_until: Any
 ) -> None:
     calls: list[bool] = []
+    ready = threading.Event()
 
     def answer(request: Any, response: Any) -> Any:
         calls.append(request.data)
-        response.success, response.message = len(calls) > 1, "the joints were not heard of yet"
+        response.success, response.message = ready.is_set(), "the joints were not heard of yet"
         return response
 
     tasks: list[str] = []
@@ -139,15 +141,17 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
     try:
         bench = start_follower(loop=True)
         assert spin_until(lambda: bench.follower._inverse.is_there)
+        trouble = "the inverse controller cannot be switched on: the joints were not heard of yet"
         assert bench.start()[0]
-        assert spin_until(lambda: bench.follower._problem)
+        assert spin_until(lambda: bench.follower._problem == f"not started: {trouble}")
         assert bench.follower._player.state == "idle"
-        assert bench.follower._problem == (
-            "not started: the inverse controller cannot be switched on: the joints were not heard of yet"
-        )
+        count = len(calls)
+        assert count > 1  # it asked again
         assert bench.start()[0]
-        assert spin_until(lambda: len(calls) == 2)
+        assert spin_until(lambda: bench.follower._problem == f"waiting: {trouble}")
+        ready.set()
         assert spin_until(lambda: bench.follower._player.state == "running")
+        assert bench.follower._problem == ""
         report(client, "following")
         assert spin_until(lambda: bench.follower._inverse.is_on)
         assert bench.follower._player.state == "running"
