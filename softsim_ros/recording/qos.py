@@ -13,7 +13,8 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-LATCHED_DEPTH = 1
+FAST_DEPTH = 100
+"""A replay may be faster than the publisher was; so many messages may wait for a slow listener."""
 
 
 def bag_qos(profile: QoSProfile) -> Qos:
@@ -39,7 +40,7 @@ def publisher_qos(offered: Qos | None) -> QoSProfile:
     latched = offered.durability is QosDurability.TRANSIENT_LOCAL
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=max(offered.depth, LATCHED_DEPTH),
+        depth=max(offered.depth, 1) if latched else max(offered.depth, FAST_DEPTH),
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

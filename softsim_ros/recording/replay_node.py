@@ -132,7 +132,7 @@ class Replay(ClosableNode):
             if time.monotonic() - served > LOOK_PERIOD_S:
                 executor.spin_once(timeout_sec=0.0)
                 served = time.monotonic()
-            self._send(event)
+            self._send(event, executor)
         for publisher in self._senders.values():
             publisher.wait_for_all_acked(Duration(seconds=5))
 
@@ -141,12 +141,12 @@ class Replay(ClosableNode):
             return replay_source.commands(self._bag, self._since_ns)
         return replay_source.messages(self._bag, self._topics, self._since_ns)
 
-    def _send(self, event: Event) -> None:
+    def _send(self, event: Event, executor: Executor) -> None:
         if event.message is not None:
             self._senders[event.message.topic].publish(event.message.data)
             self.sent += 1
         elif self._simulator[event.service].service_is_ready():
-            self._simulator[event.service].call_async(Trigger.Request())
+            self._call(event.service, executor)  # what follows shall find it done
 
     def _call(self, service: str, executor: Executor) -> bool:
         client = self._simulator[service]

@@ -13,38 +13,13 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from bag_rows import COMMANDS, NOTES, Row, command, rows, write
 
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import BagError, RecordingError
 from softsim_ros.recording.repair import repair
 from softsim_ros.recording.torn_files import is_torn
-
-TYPES = get_typestore(Stores.ROS2_JAZZY)
-COMMANDS, POSES = "/tripod/position_controller/commands", "/tripod/effector_pose"
-NOTES = {"robot": "tripod", "namespace": "/tripod"}
-Row = tuple[str, int, bytes]
-
-
-def command(values: list[float]) -> bytes:
-    layout = TYPES.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-    message = TYPES.types["std_msgs/msg/Float64MultiArray"](layout=layout, data=np.array(values))
-    return bytes(TYPES.serialize_cdr(message, "std_msgs/msg/Float64MultiArray"))
-
-
-def rows(count: int, size: int = 3) -> list[Row]:
-    numbers = np.random.default_rng(7).normal(size=(count, size))
-    return [(COMMANDS, 1_000_000_000 + 10_000_000 * k, command(list(row))) for k, row in enumerate(numbers)]
-
-
-def write(folder: Path, messages: list[Row], **notes: str) -> BagWriter:
-    writer = BagWriter(folder, {**NOTES, **notes})
-    for topic, stamp, data in messages:
-        writer.add_topic(topic, "std_msgs/msg/Float64MultiArray")
-        writer.write(topic, stamp, data)
-    return writer
 
 
 def read_independently(folder: Path) -> list[Row]:
@@ -169,7 +144,8 @@ FULL_DISK = """
 import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:]
-from test_bag_files import RecordingError, rows, write
+from bag_rows import rows, write
+from softsim_ros.recording.errors import RecordingError
 try:
     write(Path(sys.argv[1]), rows(3000, 100)).close()
 except RecordingError as error:

@@ -1,0 +1,223 @@
+"""What a report shows: curves over time out of a bag, or a sentence on what is missing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softsim_core import SceneDescription
+from softsim_core.arrays import Array
+from softsim_ros.recording.bag import Bag
+from softsim_ros.recording.csv_files import diagnostic_row
+
+MM = 1000.0
+DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A quantity over time.
+
+    Attributes:
+        name: For the legend; empty leaves it out.
+        times: Since the bag's first message in [s], shape (n,).
+        values: In the chart's unit, shape (n,).
+        style: "line", "dashed", or "steps" for values that hold until the next.
+        colour: Number of the colour; curves that belong together share one.
+    """
+
+    name: str
+    times: Array
+    values: Array
+    style: str = "line"
+    colour: int = 0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves with one axis.
+
+    Attributes:
+        title: Above it.
+        unit: Of the vertical axis.
+        curves: What is drawn; empty where something is missing.
+        levels: Horizontal lines, such as limits.
+        sentence: Said below the title: what is missing, or what is seen.
+    """
+
+    title: str
+    unit: str
+    curves: tuple[Curve, ...] = ()
+    levels: tuple[float, ...] = ()
+    sentence: str = ""
+
+
+@dataclass
+class _Series:
+    """Rows that are gathered one by one."""
+
+    times: list[float] = field(default_factory=list)
+    rows: list[Sequence[float]] = field(default_factory=list)
+
+    def curve(self, name: str, column: int, scale: float, style: str = "line", colour: int = 0) -> Curve:
+        values = np.array([row[column] if column < len(row) else math.nan for row in self.rows])
+        return Curve(name, np.array(self.times), scale * values, style, colour)
+
+
+def charts(bag: Bag, scene: SceneDescription | None) -> list[Chart]:
+    """All charts of a report, each with its curves or with a sentence that says what is missing.
+
+    Args:
+        bag: Open bag.
+        scene: The robot, for the units and limits of its joints; None where it is not known here.
+    """
+    return [
+        *_joint_charts(bag, scene),
+        *_effector_charts(bag),
+        _residuals(bag),
+        _stress(bag),
+        _real_time_factor(bag),
+        _stage_times(bag),
+    ]
+
+
+def missing(bag: Bag, *topics: str) -> str:
+    """The sentence for topics that a bag does not hold; empty where it holds all."""
+    names = [bag.topic(topic) for topic in topics if not bag.counts.get(bag.topic(topic))]
+    return f"Not in this recording: {', '.join(names)}." if names else ""
+
+
+def _series(bag: Bag, topic: str, column: str) -> _Series:
+    series = _Series()
+    for stamp, message in bag.messages(bag.topic(topic)):
+        series.times.append(1e-9 * (stamp - bag.begin_ns))
+        series.rows.append(getattr(message, column).tolist())
+    return series
+
+
+def _joint_charts(bag: Bag, scene: SceneDescription | None) -> Iterator[Chart]:
+    names: list[str] = []
+    for _, message in bag.messages(bag.topic("joint_states")):
+        names = list(message.name)
+        break
+    absent = missing(bag, "joint_states")
+    positions, efforts = (_series(bag, "joint_states", column) for column in ("position", "effort"))
+    commands = _series(bag, "position_controller/commands", "data")
+    kinds = {joint.name: joint for joint in scene.joints} if scene else {}
+    groups = (
+        ("Joint angles", "deg", DEGREES, "N m", [n for n in names if _revolute(kinds, n)]),
+        ("Joint travels", "mm", MM, "N", [n for n in names if not _revolute(kinds, n)]),
+    )
+    if not names:
+        yield Chart("Joint angles", "deg", sentence=absent)
+        yield Chart("Torques and tensions", "N m", sentence=absent)
+    for title, unit, scale, effort_unit, group in groups:
+        if not group:
+            continue
+        curves, levels = [], set()
+        for colour, name in enumerate(group):
+            column = names.index(name)
+            curves.append(positions.curve(name, column, scale, "line", colour))
+            if commands.rows:
+                curves.append(commands.curve("", column, scale, "steps", colour))
+            if name in kinds:
+                limits = kinds[name].limits
+                levels |= {scale * limit for limit in (limits.lower, limits.upper) if math.isfinite(limit)}
+        sentence = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, scene)
+        yield Chart(title, unit, tuple(curves), tuple(sorted(levels)), sentence)
+        held = tuple(
+            efforts.curve(name, names.index(name), 1.0, "line", colour) for colour, name in enumerate(group)
+        )
+        what = "Torques the servos hold" if effort_unit == "N m" else "Tensions and forces"
+        yield Chart(what, effort_unit, held)
+
+
+def _revolute(kinds: Mapping[str, object], name: str) -> bool:
+    return getattr(kinds.get(name), "kind", "revolute") == "revolute"
+
+
+def _no_limits(bag: Bag, scene: SceneDescription | None) -> str:
+    if scene is None:
+        return f"No limits are drawn: there is no robot called {bag.robot} here."
+    return "Dotted: commands. The joints have no limits."
+
+
+def _positions(bag: Bag, topic: str) -> _Series:
+    series = _Series()
+    for stamp, message in bag.messages(bag.topic(topic)):
+        at = message.pose.position
+        series.times.append(1e-9 * (stamp - bag.begin_ns))
+        series.rows.append((at.x, at.y, at.z))
+    return series
+
+
+def _effector_charts(bag: Bag) -> Iterator[Chart]:
+    poses, goals = _positions(bag, "effector_pose"), _positions(bag, "effector_goal")
+    absent, no_goal = missing(bag, "effector_pose"), missing(bag, "effector_goal")
+    curves = [poses.curve(axis, k, MM, "line", k) for k, axis in enumerate("xyz")] if poses.rows else []
+    if goals.rows and curves:
+        curves += [goals.curve("", k, MM, "steps", k) for k in range(3)]
+    yield Chart(
+        "Effector", "mm", tuple(curves), sentence=absent or no_goal or "Dotted: goal of inverse control."
+    )
+    if not (poses.rows and goals.rows):
+        yield Chart("Distance to the goal", "mm", sentence=missing(bag, "effector_pose", "effector_goal"))
+        return
+    times = np.array(poses.times)
+    newest = np.searchsorted(np.array(goals.times), times, side="right") - 1
+    known = newest >= 0
+    distance = np.linalg.norm(np.array(poses.rows) - np.array(goals.rows)[newest.clip(0)], axis=1)
+    yield Chart("Distance to the goal", "mm", (Curve("", times[known], MM * distance[known]),))
+
+
+def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Curve]:
+    """Numbers in /diagnostics of the component whose name ends so; keys that never came are left out."""
+    points: dict[str, tuple[list[float], list[float]]] = {}
+    for stamp, message in bag.messages("/diagnostics"):
+        for status in message.status:
+            if not status.name.endswith(component):
+                continue
+            for key, value in diagnostic_row(status).items():
+                if isinstance(value, float) and any(key == each or key.endswith(each) for each in keys):
+                    times, values = points.setdefault(key, ([], []))
+                    times.append(1e-9 * (stamp - bag.begin_ns))
+                    values.append(value)
+    return {
+        key: Curve(key, np.array(times), np.array(values), "line", colour)
+        for colour, (key, (times, values)) in enumerate(points.items())
+    }
+
+
+def _from_diagnostics(bag: Bag, title: str, unit: str, component: str, keys: Sequence[str]) -> Chart:
+    curves = _diagnostics(bag, component, keys)
+    absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
+    return Chart(title, unit, tuple(curves.values()), sentence="" if curves else absent)
+
+
+def _residuals(bag: Bag) -> Chart:
+    keys = ("residual_mm", "residual_rad")
+    return _from_diagnostics(bag, "Residuals of inverse control", "mm, rad", "/inverse_controller", keys)
+
+
+def _real_time_factor(bag: Bag) -> Chart:
+    chart = _from_diagnostics(bag, "Real-time factor", "-", "/simulator", ("real_time_factor",))
+    return replace(chart, levels=(0.0, 1.0)) if chart.curves else chart
+
+
+def _stage_times(bag: Bag) -> Chart:
+    return _from_diagnostics(bag, "Time of each stage of a step", "ms", "/simulator", ("_ms",))
+
+
+def _stress(bag: Bag) -> Chart:
+    times, highest = [], []
+    for stamp, message in bag.messages(bag.topic("mesh/points")):
+        rows = np.frombuffer(message.data, dtype="<f4").reshape(-1, 4)
+        times.append(1e-9 * (stamp - bag.begin_ns))
+        highest.append(1e-3 * float(rows[:, 3].max(initial=0.0)))
+    curve = Curve("", np.array(times), np.array(highest))
+    return Chart(
+        "Largest von Mises stress", "kPa", (curve,) if times else (), sentence=missing(bag, "mesh/points")
+    )

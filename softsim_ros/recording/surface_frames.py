@@ -1,0 +1,77 @@
+"""The moving mesh in a bag: its cells, and positions with stress over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.arrays import IndexArray
+from softsim_ros.recording.bag import Bag
+from softsim_ros.simulator.pacing import RateGate
+
+POINT_COLUMNS = 4
+
+
+class MeshTopics(NamedTuple):
+    """Where a mesh lies in a bag.
+
+    Attributes:
+        cells: Latched topic with the cells.
+        points: Topic with the moving points.
+        kind: Name of a cell in mesh files.
+    """
+
+    cells: str
+    points: str
+    kind: str
+
+
+SURFACE = MeshTopics("mesh/topology", "mesh/points", "triangle")
+VOLUME = MeshTopics("mesh/tetrahedra", "mesh/nodes", "tetra")
+
+
+class MeshFrame(NamedTuple):
+    """A mesh at a time.
+
+    Attributes:
+        time_s: Since the bag's first message, in [s].
+        points: Positions in [m], shape (p, 3).
+        von_mises: Stress at the points in [Pa], shape (p,).
+        cells: Point indices, shape (k, corners); the same object as long as the scene is the same.
+    """
+
+    time_s: float
+    points: NDArray[np.float32]
+    von_mises: NDArray[np.float32]
+    cells: IndexArray
+
+
+def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = None) -> Iterator[MeshFrame]:
+    """Frames in the order of time; those whose cells are not in the bag are left out.
+
+    Args:
+        bag: Open bag.
+        topics: Surface or volume.
+        rate: At most that many frames a second of the bag, in [Hz]; None takes all.
+    """
+    cells_of = [(stamp, _cells(message)) for stamp, message in bag.messages(bag.topic(topics.cells))]
+    following = 0
+    cells: IndexArray | None = None
+    gate = RateGate(1.0 / rate if rate else 0.0)
+    for stamp, message in bag.messages(bag.topic(topics.points)):
+        while following < len(cells_of) and (cells is None or cells_of[following][0] <= stamp):
+            cells, following = cells_of[following][1], following + 1
+        time_s = 1e-9 * (stamp - bag.begin_ns)
+        rows = np.frombuffer(message.data, dtype="<f4").reshape(-1, POINT_COLUMNS)
+        if cells is None or int(cells.max(initial=-1)) >= len(rows) or not gate.passes(time_s):
+            continue
+        yield MeshFrame(time_s, rows[:, :3], rows[:, 3], cells)
+
+
+def _cells(message: Any) -> IndexArray:
+    if hasattr(message, "triangles"):
+        return np.array([each.vertex_indices for each in message.triangles], dtype=np.int64).reshape(-1, 3)
+    return np.asarray(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size)

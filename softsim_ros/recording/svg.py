@@ -1,0 +1,63 @@
+"""Charts as SVG, drawn without a screen."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from softsim_ros.recording.curves import Chart, Curve
+
+SIZE_INCHES = (8.0, 2.6)
+MOST_POINTS = 2000
+"""Points of a curve that are drawn; more make no finer picture and large files."""
+
+STYLES: dict[str, dict[str, Any]] = {
+    "line": {"linewidth": 1.3},
+    "dashed": {"linewidth": 1.0, "linestyle": "--"},
+    "steps": {"linewidth": 1.0, "linestyle": ":", "drawstyle": "steps-post"},
+}
+
+
+def draw(chart: Chart, duration_s: float) -> str:
+    """The chart as an SVG document.
+
+    Args:
+        chart: With at least one curve.
+        duration_s: End of the time axis in [s]: charts of a report stand below one another.
+    """
+    figure = Figure(figsize=SIZE_INCHES, layout="constrained")
+    FigureCanvasSVG(figure)
+    axes = figure.add_subplot()
+    for curve in chart.curves:
+        times, values = thinned(curve)
+        axes.plot(
+            times, values, label=curve.name or None, color=f"C{curve.colour % 10}", **STYLES[curve.style]
+        )
+    for level in chart.levels:
+        axes.axhline(level, color="0.5", linewidth=0.8, linestyle="--")
+    axes.set(xlabel="s", ylabel=chart.unit, xlim=(0.0, max(duration_s, 1e-3)))
+    axes.ticklabel_format(useOffset=False)
+    axes.grid(color="0.9")
+    if any(curve.name for curve in chart.curves):
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()
+
+
+def thinned(curve: Curve) -> tuple[Any, Any]:
+    """Times and values of a curve with at most MOST_POINTS: of each stretch its lowest and highest value."""
+    count = len(curve.times)
+    if count <= MOST_POINTS:
+        return curve.times, curve.values
+    edges = np.linspace(0, count, MOST_POINTS // 2 + 1).astype(int)
+    kept = []
+    for begin, end in pairwise(edges):
+        stretch = np.nan_to_num(curve.values[begin:end])
+        kept += sorted({begin + int(stretch.argmin()), begin + int(stretch.argmax())})
+    return curve.times[kept], curve.values[kept]
