@@ -6,16 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.detection import Detector, Proximities
+from softsim_core.contact.rows import MOST_ENTRIES, Carried, contact_rows
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics.rows import Rows
-from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.model import Model, Screws
 from softsim_core.mechanics.state import MEMORY, State
 from softsim_core.scene.objects import ContactSettings
 
 KEYS = 1 << 52
 """Keys of contacts are kept below this, so that a float64 holds them."""
+
+
+NO_SCREWS = Screws(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,20 +101,17 @@ class Contacts:
         model: Model,
     ) -> None:
         self.surfaces, self.settings, self.carriers = surfaces, settings, carriers
-        self._nodes, self._weights = nodes, weights
-        self._soft: BoolArray = weights.any(axis=1)
-        self._carrier = np.full(len(nodes), -1)
-        for number, carrier in enumerate(carriers):
-            self._carrier[carrier.vertices] = number
-        self._last = np.zeros((len(nodes), 3))
+        self._soft = np.flatnonzero(weights.any(axis=1))
+        self._nodes, self._weights = nodes[self._soft], weights[self._soft]
+        self._carried = _carried(surfaces, nodes, weights, carriers, model)
         self._moving = any(carrier.frame >= 0 or carrier.joint >= 0 for carrier in carriers)
         start = self.points(model, model.rest_state())
         self._detector = Detector(surfaces, start, settings)
 
     def points(self, model: Model, state: State) -> Array:
         """Positions of the collision vertices in [m], shape (v, 3)."""
-        points, soft = np.zeros((len(self._nodes), 3)), self._soft
-        points[soft] = np.einsum("vk,vki->vi", self._weights[soft], state.positions[self._nodes[soft]])
+        points = np.zeros((len(self._carried.soft), 3))
+        points[self._soft] = np.einsum("vk,vki->vi", self._weights, state.positions[self._nodes])
         for carrier in self.carriers:
             origin, rotation = _pose(carrier, model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
@@ -140,39 +141,30 @@ class Contacts:
     def _rows(
         self, near: Proximities, directions: Array, points: Array, model: Model, state: State
     ) -> tuple[Rows, Array]:
-        """Rows of all contacts: node entries, border entries, and the rigid bodies' part."""
-        count, nodes = len(near.key), len(model.rest)
-        vertices = np.concatenate([near.a, near.b], axis=1)
-        shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
-        contact, corner = np.nonzero(self._soft[vertices] & (shares != 0.0))
-        vertex, share = vertices[contact, corner], shares[contact, corner]
-        weight = share[:, None] * self._weights[vertex]
-        entry, k = np.nonzero(weight)
-        owner, index, weight = contact[entry], self._nodes[vertex[entry], k], weight[entry, k]
-        lines = [(3 * owner[:, None] + np.arange(3)).ravel()]
-        indices = [np.repeat(index, 3)]
-        values = [(weight[:, None, None] * directions[owner]).reshape(-1, 3)]
-        on_rigid = np.zeros((3 * count, 6 * len(model.rigid.names)))
-        screws = model.screws(state) if self._moving else None
-        contact, corner = np.nonzero(~self._soft[vertices] & (shares != 0.0))
-        for c, v, share in zip(contact, vertices[contact, corner], shares[contact, corner], strict=True):
-            carrier = self.carriers[self._carrier[v]]
-            ways, point = share * directions[c], points[v]
-            if carrier.rigid >= 0:
-                lever = np.cross(point - state.rigid_positions[carrier.rigid], ways)
-                first = 6 * carrier.rigid
-                on_rigid[3 * c : 3 * c + 3, first : first + 3] += ways
-                on_rigid[3 * c : 3 * c + 3, first + 3 : first + 6] += lever
-            for b in _border(carrier, model):
-                assert screws is not None
-                motion = screws.jacobian(b, point[None])[0]
-                lines.append(3 * c + np.arange(3))
-                indices.append(np.full(3, nodes + b))
-                values.append(np.column_stack([ways @ motion, np.zeros((3, 2))]))
-        line = np.concatenate(lines)
-        order = np.argsort(line, kind="stable")
-        start = np.concatenate([[0], np.cumsum(np.bincount(line, minlength=3 * count))])
-        return Rows(start, np.concatenate(indices)[order], np.concatenate(values)[order]), on_rigid
+        """Rows of all contacts on nodes and border unknowns, and the rigid bodies' part."""
+        count = 3 * len(near.key)
+        screws = model.screws(state) if self._moving else NO_SCREWS
+        start = np.zeros(count + 1, dtype=np.int64)
+        place = np.empty(count * MOST_ENTRIES, dtype=np.int64)
+        coefficient = np.empty((count * MOST_ENTRIES, 3))
+        on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
+        entries = contact_rows(
+            np.concatenate([near.a, near.b], axis=1),
+            np.concatenate([near.a_weights, -near.b_weights], axis=1),
+            directions,
+            points,
+            self._carried,
+            state.rigid_positions,
+            screws.angular,
+            screws.linear,
+            screws.origin,
+            len(model.rest),
+            start,
+            place,
+            coefficient,
+            on_rigid,
+        )
+        return Rows(start, place[:entries], coefficient[:entries]), on_rigid
 
 
 def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
@@ -184,6 +176,25 @@ def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
     if carrier.joint >= 0:
         return model.joint_frame(carrier.joint, state)
     return np.zeros(3), np.eye(3)
+
+
+def _carried(
+    surfaces: tuple[CollisionSurface, ...],
+    nodes: IndexArray,
+    weights: Array,
+    carriers: tuple[Carrier, ...],
+    model: Model,
+) -> Carried:
+    """What carries each vertex, as arrays."""
+    count = len(nodes)
+    radius, rigid, border = np.zeros(count), np.full(count, -1), np.full((count, 6), -1)
+    for surface in surfaces:
+        radius[surface.vertices] = surface.radius
+    for carrier in carriers:
+        rigid[carrier.vertices] = carrier.rigid
+        unknowns = _border(carrier, model)
+        border[carrier.vertices, : len(unknowns)] = unknowns
+    return Carried(weights.any(axis=1), nodes, weights, radius, rigid, border)
 
 
 def _border(carrier: Carrier, model: Model) -> list[int]:
