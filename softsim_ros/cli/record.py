@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     with ros_process():
         recorder = Recorder(
-            namespace=arguments.namespace or arguments.robot,
+            namespace=arguments.namespace,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             news=lambda sentence: print(sentence, flush=True),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,12 +20,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool
 
+from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
 from softsim_ros.recording.qos import bag_qos
-from softsim_ros.recording.selection import Selection
+from softsim_ros.recording.selection import SHARED, Selection
 from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
 
 NODE_NAME = "recorder"
@@ -65,7 +67,7 @@ class Recorder(ClosableNode):
     ) -> None:
         overrides = list(parameter_overrides)
         if namespace is None:
-            namespace = _requested_robot(context, overrides)
+            namespace = namespace_of(_requested_robot(context, overrides))
         super().__init__(NODE_NAME, context=context, namespace=namespace, parameter_overrides=overrides)
         self.failure: RecordingError | None = None
         self._news: Callable[[str], None] = news or self.get_logger().info
@@ -119,7 +121,7 @@ class Recorder(ClosableNode):
         folder = Path(self._out or f"{self._robot}_{datetime.now():%Y-%m-%d_%H-%M-%S}").expanduser()
         notes = {"robot": self._robot, "namespace": self.get_namespace()}
         self._bag, self.failure = BagWriter(folder, notes), None
-        self._since, self._silent = time.monotonic(), True
+        self._since, self._silent, self._said_silent = time.monotonic(), True, False
         self._look()
         return self._say(f"recording to {folder}")
 
@@ -161,10 +163,11 @@ class Recorder(ClosableNode):
         for topic, types in self.get_topic_names_and_types():
             if self._selection.wants(topic) and types:
                 self._hear(self._bag, topic, types[0])
-        if self._silent and time.monotonic() - self._since > SILENCE_S:
-            self._silent = False
+        waited = time.monotonic() - self._since
+        if self._silent and waited > SILENCE_S and not self._said_silent:
+            self._said_silent = True
             self._say(f"nothing is published in {self.get_namespace()} yet; waiting")
-        if 0.0 < self._time_limit <= time.monotonic() - self._since and self._bag.count:
+        if 0.0 < self._time_limit <= waited and not self._silent:
             self._end_at(f"the time limit of {self._time_limit:g} s is reached")
 
     def _hear(self, bag: BagWriter, topic: str, type_name: str) -> None:
@@ -201,7 +204,7 @@ class Recorder(ClosableNode):
     def _on_message(self, topic: str, type_name: str, data: bytes) -> None:
         if self._bag is None:
             return
-        if not self._bag.count:
+        if self._silent and topic not in SHARED:
             self._since, self._silent = time.monotonic(), False
         try:
             self._bag.add_topic(topic, type_name)
@@ -245,6 +248,20 @@ class Recorder(ClosableNode):
         except SoftSimError as error:
             response.success, response.message = False, str(error)
         return response
+
+
+def namespace_of(robot: str) -> str:
+    """The namespace of a robot's nodes: the name in its file; of one that is not known here the name itself.
+
+    Raises:
+        RecordingError: neither a known robot nor a name that can be a namespace.
+    """
+    try:
+        return load_scene(robot).name
+    except SoftSimError as error:
+        if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", robot, re.ASCII):
+            raise RecordingError(f"no robot to record: {error}") from error
+        return robot
 
 
 def _declare_robot(node: Node) -> str:

@@ -13,7 +13,7 @@ from bag_rows import COMMANDS, command, write
 
 from softsim_ros.recording import replay_source
 from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.errors import BagError
+from softsim_ros.recording.errors import BagError, RecordingError
 from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.selection import Selection
 
@@ -53,6 +53,14 @@ def test_named_topics_are_taken_alone() -> None:
     assert selection.wants("/tripod/mesh/marker")
     assert selection.wants("/rosout")
     assert not selection.wants("/tripod/joint_states")
+
+
+def test_a_robot_is_recorded_in_the_namespace_of_its_file() -> None:
+    recorder = pytest.importorskip("softsim_ros.recording.recorder_node", reason="needs rclpy")
+    assert recorder.namespace_of("tripod_mid") == "tripod"
+    assert recorder.namespace_of("left_hand") == "left_hand"
+    with pytest.raises(RecordingError, match="no robot to record"):
+        recorder.namespace_of("no/such/file.yaml")
 
 
 def shift(value: float) -> bytes:
