@@ -23,7 +23,7 @@ class Compiler:
 
     def __init__(self, folder: Path) -> None:
         self._beside = folder / "__pycache__"
-        digest = hashlib.sha256()
+        digest = hashlib.sha256(Path(__file__).read_bytes())
         for source in sorted(folder.glob("*.py")):
             digest.update(source.read_bytes())
         self._name = f"kernels-{digest.hexdigest()[:16]}"

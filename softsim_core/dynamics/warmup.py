@@ -40,15 +40,19 @@ def small_scene() -> SceneDescription:
 
 def warm_up() -> float:
     """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took."""
-    from softsim_core.dynamics.fast.compile import forget_old_kernels
+    from softsim_core.contact import compile as contact_compile
+    from softsim_core.contact.warmup import warm_up_contact
+    from softsim_core.dynamics.fast import compile as step_compile
     from softsim_core.dynamics.simulation import Simulation
 
-    forget_old_kernels()
+    step_compile.forget_old_kernels()
+    contact_compile.forget_old_kernels()
     started = perf_counter()
     simulation = Simulation(small_scene(), backend="numba")
     simulation.step()
     simulation.von_mises()
     simulation.border_stiffness()
+    warm_up_contact()
     return perf_counter() - started
 
 

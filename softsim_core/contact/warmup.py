@@ -1,0 +1,27 @@
+"""Run every contact kernel once, so that Numba's cache holds it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.contact.detection import Detector
+from softsim_core.contact.solver import solve_contacts
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.scene.objects import ContactSettings
+
+
+def warm_up_contact() -> None:
+    """Two triangles and two spheres that touch."""
+    points = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1], [0.2, 0.2, 2], [0.2, 0.2, 4]]
+    ).astype(np.float64)
+    low = CollisionSurface(name="low", vertices=slice(0, 3), triangles=np.array([[0, 1, 2]]), owner=0)
+    high = CollisionSurface(name="high", vertices=slice(3, 6), triangles=np.array([[3, 4, 5]]), owner=1)
+    balls = tuple(
+        CollisionSurface(name="ball", vertices=slice(6 + k, 7 + k), owner=2 + k, radius=0.9) for k in range(2)
+    )
+    near = Detector((low, high, *balls), points, ContactSettings()).detect(points, 1.5)
+    rows = 1 + 3 * len(near.key)
+    solve_contacts(
+        np.eye(rows), np.full(rows, -1.0), (np.zeros(1), np.ones(1)), 0.5, np.zeros(rows), 10, 1e-9
+    )
