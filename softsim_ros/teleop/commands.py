@@ -14,6 +14,7 @@ from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.decoder import KEY_NAMES, KeyPress
 from softsim_ros.teleop.goal import GOAL_KEYS, GOAL_STEP_M, PublishGoal, move_goal
 from softsim_ros.teleop.state import TeleopState, held_positions, with_command
+from softsim_ros.teleop.tilt import PublishTilt, turn_reference
 
 REPEAT_INTERVAL_S: Final = 0.1
 """Shortest time in [s] between two effects of one key: a held key moves at most ten steps a second."""
@@ -52,7 +53,7 @@ class Quit:
     """End the teleop."""
 
 
-Effect: TypeAlias = PublishCommand | PublishGoal | CallAction | Quit
+Effect: TypeAlias = PublishCommand | PublishGoal | PublishTilt | CallAction | Quit
 
 
 def key_table(robot: SceneDescription) -> dict[str, KeyBinding]:
@@ -79,8 +80,9 @@ def press(
 ) -> tuple[TeleopState, tuple[Effect, ...]]:
     """The state after a key press, and what is to be done.
 
-    While inverse control is on the keys of GOAL_KEYS move the goal, whatever the robot's file binds them to;
-    keys that would move joints, poses and the start animation among them, are refused.
+    While inverse control is on the keys of GOAL_KEYS move the goal, or turn the closed loop's reference while
+    that gives the goals, whatever the robot's file binds them to; keys that would move
+    joints, poses and the start animation among them, are refused.
 
     Args:
         state: What is known before.
@@ -99,6 +101,8 @@ def press(
         if since < repeat_interval_s:
             return state, ()
         state = replace(state, acted_at={**state.acted_at, key.name: now})
+        if state.tilt is not None:
+            return turn_reference(state, key.name)
         return move_goal(state, key.name, goal_step_m, now)
     binding = key_table(robot).get(key.name)
     if binding is None:

@@ -12,6 +12,7 @@ from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
 from softsim_ros.teleop.goal import GOAL_KEYS, goal_help, goal_line
 from softsim_ros.teleop.state import BridgeState, TeleopState
+from softsim_ros.teleop.tilt import TILT_KEYS, tilt_line
 
 BAR_WIDTHS: Final = (24, 16, 10)
 """Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
@@ -56,7 +57,7 @@ def render(view: View, width: int, height: int) -> list[str]:
     sections = [  # importance (0 stays longest), lines; in the order they are shown
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
         (1, status_lines(view, width)),
-        (1, _wrap(goal_line(view.state, view.now), width) if view.state.inverse else []),
+        (1, _wrap(_goal_line(view), width) if view.state.inverse else []),
         (7, [""]),
         (5, joints[:1]),
         (0, joints[1:]),
@@ -103,6 +104,12 @@ def status_lines(view: View, width: int) -> list[str]:
         parts.append(f"inverse control: on{note}")
     line = "   ".join(parts)
     return [line] if len(line) <= width else parts
+
+
+def _goal_line(view: View) -> str:
+    """What the goal keys move, and where it is."""
+    tilt = view.state.tilt
+    return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt)
 
 
 def joint_rows(view: View, width: int) -> list[str]:
@@ -166,7 +173,8 @@ def _help_lines(view: View, width: int) -> list[str]:
         return [f"{HELP_KEY} shows the keys"]
     table: dict[str, KeyBinding] = key_table(view.robot)
     if view.state.inverse:  # the goal's keys, then what else still works
-        entries = [(key_label(key), goal_help(key)) for key in GOAL_KEYS]
+        helps = {key: goal_help(key) for key in GOAL_KEYS} if view.state.tilt is None else TILT_KEYS
+        entries = [(key_label(key), text) for key, text in helps.items()]
         table = {
             key: binding
             for key, binding in table.items()

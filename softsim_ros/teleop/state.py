@@ -30,6 +30,14 @@ class EffectorPose(NamedTuple):
     quaternion_xyzw: tuple[float, float, float, float]
 
 
+class TiltReference(NamedTuple):
+    """Reference of the closed loop: tilts about x and y in [rad], and the axis that the keys turn."""
+
+    axis: Literal["x", "y"]
+    x: float
+    y: float
+
+
 @dataclass(frozen=True, slots=True)
 class TeleopState:
     """Everything a key press depends on and the display shows.
@@ -48,6 +56,7 @@ class TeleopState:
         goal: The goal these keys moved; None before the first step.
         effector: Where the effector is; None before the first message.
         effector_at: Time of that message, steady clock, in [s].
+        tilt: The closed loop's reference while the loop is on; None: it is not.
         bridge: State of the servo bridge.
         seen_at: When each key was last seen, repeats included, in [s].
         acted_at: When each key last had an effect, in [s].
@@ -69,6 +78,7 @@ class TeleopState:
     goal: EffectorPose | None = None
     effector: EffectorPose | None = None
     effector_at: float = -math.inf
+    tilt: TiltReference | None = None
     bridge: BridgeState = "not running"
     seen_at: Mapping[str, float] = field(default_factory=dict)
     acted_at: Mapping[str, float] = field(default_factory=dict)

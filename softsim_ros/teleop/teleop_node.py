@@ -53,6 +53,8 @@ from softsim_ros.teleop.state import (
     with_measurement,
 )
 from softsim_ros.teleop.terminal import RawTerminal
+from softsim_ros.teleop.tilt import PublishTilt
+from softsim_ros.teleop.tilt_link import TiltLink
 
 DEFAULT_ROBOT = "tripod"
 HOLD_INTERVAL_S = 0.2
@@ -68,7 +70,8 @@ class Teleop(ClosableNode):
     bridge, and then the newest command is repeated so that the bridge does not rest; warnings of the
     robot's nodes from `/rosout` in. Services called: `simulator/start`, `simulator/reset`,
     `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of `servo_bridge`. While
-    inverse control is on, `effector_goal` out instead of commands; `effector_pose` in.
+    inverse control is on, `effector_goal` out instead of commands; `effector_pose` in. While
+    the closed loop is on as well, `tilt_reference` out instead of goals.
 
     Args:
         robot: Joints, limits, poses and keys.
@@ -110,13 +113,17 @@ class Teleop(ClosableNode):
         self._reset = AsyncService(self, Trigger, "simulator/reset")
         self._pause = AsyncService(self, SetBool, "simulator/pause")
         self._inverse = InverseLink(self)
+        self._tilt = TiltLink(self)
         self._bridge = BridgeLink(self, self._on_bridge, self.say)
         self._simulator = SimulatorLink(self, self._on_simulator, self._on_enforced)
 
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
-        self.state = self._inverse.follow(self.state, now)
+        self._follow(now)
         return View(self.robot, self.state, now, self.get_namespace())
+
+    def _follow(self, now: float) -> None:
+        self.state = self._tilt.follow(self._inverse.follow(self.state, now), now)
 
     def say(self, message: str) -> None:
         """Show one sentence."""
@@ -124,7 +131,7 @@ class Teleop(ClosableNode):
 
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
-        self.state = self._inverse.follow(self.state, now)
+        self._follow(now)
         interval = float(self.get_parameter("repeat_interval").value)
         step = float(self.get_parameter("goal_step").value)
         self.state, effects = press(self.state, self.robot, key, now, interval, step)
@@ -148,6 +155,8 @@ class Teleop(ClosableNode):
             self._commands.publish(Float64MultiArray(data=array("d", effect.values)))
         elif isinstance(effect, PublishGoal):
             self._inverse.publish(effect.goal)
+        elif isinstance(effect, PublishTilt):
+            self._tilt.publish(effect.reference)
         elif isinstance(effect, CallAction):
             self._call(effect.action, now)
         else:

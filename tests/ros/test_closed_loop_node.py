@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,13 @@ from softsim_core.errors import ConfigError  # noqa: E402
 from softsim_core.inverse.closed_loop import TiltController, read_closed_loop_log  # noqa: E402
 from softsim_core.inverse.tilts import tilt_rotation, tilts_of  # noqa: E402
 from softsim_core.mechanics.pose import quaternion_of, rotation_of  # noqa: E402
+from softsim_core.scene import load_scene  # noqa: E402
 from softsim_ros.inverse.closed_loop_node import ClosedLoop  # noqa: E402
-from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
+from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
+from softsim_ros.messages.diagnostics import OK  # noqa: E402
 from softsim_ros.runtime import SpinThread  # noqa: E402
+from softsim_ros.teleop.decoder import KeyPress  # noqa: E402
+from softsim_ros.teleop.teleop_node import Teleop  # noqa: E402
 
 
 class Plate:
@@ -151,6 +156,34 @@ def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: A
     assert spin_until(lambda: loop._loop.reference == pytest.approx([0.2, 0.1]))
     assert keep_measuring(plate, spin_until, lambda: plate.goals)
     assert plate.goals[-1].pose.position.z == pytest.approx(0.06)
+
+
+def test_keys_of_the_teleop_turn_the_reference(
+    start_loop: Any, ros_domain: int, client: Any, spin_until: Any
+) -> None:
+    loop, _ = start_loop(enabled=True)
+    refer(client, 0.05, 0.0)
+    assert spin_until(lambda: loop._loop.reference.tolist() == [0.05, 0.0])
+    context = Context()
+    context.init(args=[], domain_id=ros_domain)
+    teleop = Teleop(load_scene("tripod"), context=context)
+    try:
+        with SpinThread([teleop], context):
+            values = {"mode": "on"}
+            on = diagnostic_array(time_message(0.0), "tripod/inverse_controller", "tripod", OK, "on", values)
+
+            def knows_both() -> bool:
+                client.publish("/diagnostics", on)
+                teleop.view(time.monotonic())
+                return teleop.state.inverse and teleop.state.tilt is not None
+
+            assert spin_until(knows_both)
+            for name in ("up", "plus"):
+                teleop.handle_key(KeyPress(name), time.monotonic())
+            assert spin_until(lambda: loop._loop.reference[1] == 0.1)
+    finally:
+        teleop.close()
+        context.try_shutdown()
 
 
 def test_gains_change_while_it_runs(start_loop: Any) -> None:
