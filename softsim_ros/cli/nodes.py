@@ -38,6 +38,9 @@ NODES = {
     "recorder": NodeEntry(
         "softsim_ros.recording.recorder_node", "softsim_ros", "records a robot's topics (robot:=tripod)"
     ),
+    "viewer": NodeEntry(
+        "softsim_ros.viewer.viewer_node", "softsim_ros", "shows a robot in a web page (port:=8080)"
+    ),
     "servo_bridge": NodeEntry(
         "servo_bridge.bridge_node", "servo_bridge", "writes servo packets to a serial port (port:=/dev/...)"
     ),

@@ -16,6 +16,7 @@ from servo_bridge.bridge_node import ServoBridge
 from softsim_core.scene import SceneDescription
 from softsim_ros.cli.boards import BoardChoice, BoardKind, LocalBoard, local_board
 from softsim_ros.cli.status_line import show_status
+from softsim_ros.cli.web_page import WebPage
 from softsim_ros.inverse.inverse_node import InverseControl
 from softsim_ros.runtime import SpinThread
 from softsim_ros.simulator.simulator_node import Simulator
@@ -100,6 +101,7 @@ def run_station(
     *,
     inverse: bool = False,
     watch: bool = False,
+    page: WebPage | None = None,
 ) -> int:
     """Run a robot until its person or a signal ends it.
 
@@ -110,6 +112,7 @@ def run_station(
         interactive: Show the teleop in this terminal; else a status line.
         inverse: With inverse control.
         watch: Load the scene anew whenever one of its files is saved.
+        page: The viewer, whose address is told once the robot runs.
 
     Returns:
         Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
@@ -122,7 +125,10 @@ def run_station(
     try:
         with Station(scene, namespace, board, inverse=inverse, watch=watch) as station:
             try:
-                if not (interactive and _drive(scene, namespace)):
+                notice = "" if page is None else page.notice()
+                if notice:
+                    print(notice, flush=True)
+                if not (interactive and _drive(scene, namespace, notice)):
                     show_status(station.simulator, station.bridge, station.board)
             finally:
                 _ignore_signals()
@@ -137,9 +143,11 @@ def run_station(
     return 0
 
 
-def _drive(scene: SceneDescription, namespace: str) -> bool:
-    """Run the teleop here; False where this terminal cannot be used."""
+def _drive(scene: SceneDescription, namespace: str, notice: str) -> bool:
+    """Run the teleop here, with a first sentence; False where this terminal cannot be used."""
     teleop = Teleop(scene, namespace=namespace)
+    if notice:
+        teleop.say(notice)
     executor = SingleThreadedExecutor()
     executor.add_node(teleop)
     try:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 import sys
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
+PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +34,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--watch", action="store_true", help="load the scene anew whenever one of its files is saved"
     )
+    parser.add_argument("--no-viewer", action="store_true", help="without the web page")
+    parser.add_argument(
+        "--lite", action="store_true", help="cheap light in the page, for browsers without a GPU"
+    )
+    parser.add_argument("--port", type=int, default=PAGE_PORT, help=f"port of the web page ({PAGE_PORT})")
+    parser.add_argument(
+        "--host",
+        default=PAGE_HOST,
+        metavar="IP",
+        help=f"who reaches the page: {PAGE_HOST}, this machine (default), 0.0.0.0 the network, by token",
+    )
     parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
     parser.epilog = "On a real board nothing moves until key B, or --send. ? in the teleop shows the keys."
@@ -48,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_ros.cli.boards import BoardChoice, BoardKind
     from softsim_ros.cli.one_at_a_time import only_one
     from softsim_ros.cli.station import run_station
+    from softsim_ros.cli.web_page import PageChoice, WebPage
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
     namespace = (arguments.namespace or scene.name).strip("/")
@@ -67,7 +81,12 @@ def run(arguments: argparse.Namespace) -> int:
         send=arguments.send,
     )
     interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
-    with only_one(namespace):
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(only_one(namespace))
+        page = None
+        if not arguments.no_viewer:
+            choice = PageChoice(arguments.host, arguments.port, arguments.lite)
+            page = stack.enter_context(WebPage(str(scene.source or scene.name), namespace, choice))
         return run_station(
             scene,
             namespace,
@@ -75,6 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
             interactive and bool(scene.joints),
             inverse=arguments.inverse,
             watch=arguments.watch,
+            page=page,
         )
 
 

@@ -315,7 +315,7 @@ def test_a_noisy_line_never_makes_a_servo_fast(
 
 
 def test_a_typed_key_becomes_a_pulse(far_end: EmulatedBoardPty, tmp_path: Path) -> None:
-    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", far_end.port]
+    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--no-viewer", "--board", far_end.port]
     with TerminalSession(up, environment={"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
         assert terminal.wait_until(lambda: "no-comm" in terminal.screen), terminal.text
         assert far_end.widths_us() is None  # no pulse before key B
@@ -338,7 +338,17 @@ def near(whole: int, exact: float) -> Callable[[EmulatedBoardPty], bool]:
 
 
 def test_the_emulated_board_of_softsim_up_shows_its_pulses(tmp_path: Path) -> None:
-    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", "emulated", "--headless"]
+    up = [
+        sys.executable,
+        "-m",
+        "softsim_ros.cli",
+        "up",
+        "tripod",
+        "--no-viewer",
+        "--board",
+        "emulated",
+        "--headless",
+    ]
     with TerminalSession(
         [*up, "--send"], environment={"XDG_RUNTIME_DIR": str(tmp_path)}, size=(160, 24)
     ) as terminal:

@@ -86,7 +86,17 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
 @pytest.mark.slow
 def test_a_missing_emulator_is_one_sentence(tmp_path: Path, ros_domain: int) -> None:
     ended = subprocess.run(
-        [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--board", "emulated", "--headless"],
+        [
+            sys.executable,
+            "-m",
+            "softsim_ros.cli",
+            "up",
+            "tripod",
+            "--no-viewer",
+            "--board",
+            "emulated",
+            "--headless",
+        ],
         cwd=REPOSITORY,
         capture_output=True,
         text=True,

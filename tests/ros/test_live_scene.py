@@ -172,7 +172,9 @@ def test_the_service_loads_the_scene_anew(watched: Watched) -> None:
 def test_up_watches_its_scene(start_process: Any, tmp_path: Path) -> None:
     file = tmp_path / "other.yaml"
     save(file, SCENE.format(base=tripod_yaml(), young=1.0e5).replace("name: tripod", "name: other", 1))
-    up = start_process("softsim_ros.cli", "up", str(file), "--watch", "--no-bridge", "--headless")
+    up = start_process(
+        "softsim_ros.cli", "up", str(file), "--watch", "--no-bridge", "--no-viewer", "--headless"
+    )
     assert up.says("/other  running", READY_S), up.output
     save(file, "nonsense: 1\n")
     assert up.says("scene not loaded: ", READY_S), up.output

@@ -21,7 +21,7 @@ from servo_bridge.virtual_board import VirtualBoard
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 
-UP = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod"]
+UP = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--no-viewer"]
 READY_S = 90.0  # the first start on a machine compiles kernels
 START, MID, HIGH = (93, 93, 93), (119, 119, 119), (134, 134, 134)  # keys A, Q, Z
 GOAL_Z = 27.6  # mm, height of the effector in the start pose

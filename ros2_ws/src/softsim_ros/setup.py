@@ -28,6 +28,7 @@ setup(
             "simulator = softsim_ros.simulator.simulator_node:main",
             "softsim = softsim_ros.cli:main",
             "teleop = softsim_ros.teleop.teleop_node:main",
+            "viewer = softsim_ros.viewer.viewer_node:main",
         ],
     },
 )

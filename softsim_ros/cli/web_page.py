@@ -1,0 +1,105 @@
+"""The viewer of `softsim up`, in a process of its own: whatever it does, the physics keep their pace."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from typing import IO, Final
+
+ANNOUNCED: Final = "viewer: "
+"""How the viewer begins the line with its address."""
+
+START_WITHIN_S: Final = 15.0
+END_WITHIN_S: Final = 5.0
+
+
+@dataclass(frozen=True)
+class PageChoice:
+    """What the command line says of the page.
+
+    Attributes:
+        host: IP address to listen on.
+        port: TCP port.
+        lite: Cheap light, for browsers without a graphics card.
+    """
+
+    host: str
+    port: int
+    lite: bool = False
+
+
+class WebPage:
+    """A viewer process; leaving the `with` block ends it.
+
+    Args:
+        source: Robot or scene, as the viewer's parameter `robot`.
+        namespace: Namespace of the robot, without slashes at its ends.
+        choice: Address and looks.
+    """
+
+    def __init__(self, source: str, namespace: str, choice: PageChoice) -> None:
+        self._settled = threading.Event()
+        self._address, self._last = "", "it ended without a word"
+        self._process: subprocess.Popen[str] | None = None
+        if importlib.util.find_spec("viser") is None:
+            self._last = "viser is not installed (pip install 'softsim[viewer]')"
+            self._settled.set()
+            return
+        parameters = {
+            "robot": source,
+            "host": choice.host,
+            "port": choice.port,
+            "lite": str(choice.lite).lower(),
+            "parent": os.getpid(),
+        }
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        module = "softsim_ros.viewer.viewer_node"
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}", *given],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # Ctrl-C is for the robot; the page ends last
+        )
+        threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
+
+    def _listen(self, output: IO[str]) -> None:
+        """Read all it says: a full pipe would stop it."""
+        for line in output:
+            if line.startswith(ANNOUNCED) and not self._address and "http://" in line:
+                self._address = line.removeprefix(ANNOUNCED).strip()
+                self._settled.set()
+            elif line.strip():
+                self._last = line.strip().removeprefix(ANNOUNCED)
+        self._settled.set()
+
+    def notice(self) -> str:
+        """One sentence with the address, or with the reason why there is no page; waits until it is known."""
+        if not self._settled.wait(START_WITHIN_S):
+            self._last = f"it did not start within {START_WITHIN_S:g} s"
+        return f"open {self._address} in a browser" if self._address else f"no web page: {self._last}"
+
+    def __enter__(self) -> WebPage:
+        """It is starting already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        process = self._process
+        if process is None or process.poll() is not None:
+            return
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            process.wait()

@@ -1,0 +1,244 @@
+"""A viser server that only its own page may talk to: bound to loopback, or behind a token.
+
+By itself viser listens on every interface, accepts any Origin and Host, moves on to another port when one
+is busy, and opens a public tunnel when a page asks for it. Here every request and every WebSocket handshake
+passes `AccessRule` first, and the tunnel is closed. The seam is `websockets.asyncio.server.serve`, which
+viser calls once; if it no longer does, nothing is served.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import hmac
+import http
+import io
+import ipaddress
+import os
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+import websockets.asyncio.server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from softsim_core.errors import SoftSimError
+
+COOKIE: Final = "softsim_viewer"
+
+CONTENT_POLICY: Final = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+"""The page loads and contacts nothing but this server, and no other page frames it."""
+
+KEYS_STAY_HERE: Final = (
+    "<script>document.documentElement.addEventListener('keydown',"
+    "event=>{if(event.ctrlKey||event.metaKey)event.stopPropagation()})</script>"
+)
+"""Keys with Ctrl are the robot's: without this the camera would move with Ctrl+arrow, too."""
+
+
+class ViewerError(SoftSimError, RuntimeError):
+    """The page cannot be served."""
+
+
+@dataclass(frozen=True)
+class AccessRule:
+    """Who may load the page and connect to it.
+
+    Attributes:
+        host: Address that is listened on.
+        port: Its port.
+        token: Secret that a browser brings once as `?token=` and then in a cookie; None asks for none.
+    """
+
+    host: str
+    port: int
+    token: str | None = None
+
+    @property
+    def address(self) -> str:
+        """What a person opens in a browser of this machine."""
+        anywhere = self.host in ("0.0.0.0", "::")
+        host = socket.gethostname() if anywhere else f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    def refusal(self, request: Request) -> tuple[http.HTTPStatus, str] | None:
+        """Status and sentence for a request that is not allowed, or None."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_own_host(hosts[0]):
+            return http.HTTPStatus.MISDIRECTED_REQUEST, f"unknown Host; open {self.address.split('?')[0]}"
+        if len(origins) > 1 or (origins and origins[0].lower() != f"http://{hosts[0].lower()}"):
+            return http.HTTPStatus.FORBIDDEN, "this Origin may not use the viewer"
+        if self.token is not None and not (self._has_cookie(request) or self.has_token(request)):
+            return http.HTTPStatus.FORBIDDEN, "open the address with its token, as printed at the start"
+        return None
+
+    def has_token(self, request: Request) -> bool:
+        """Whether the address of the request carries the token."""
+        given = parse_qs(urlsplit(request.path).query).get("token", [])
+        return self.token is not None and any(_equal(value, self.token) for value in given)
+
+    def _has_cookie(self, request: Request) -> bool:
+        assert self.token is not None
+        cookies: SimpleCookie = SimpleCookie()
+        for line in request.headers.get_all("Cookie"):
+            with contextlib.suppress(CookieError):
+                cookies.load(line)
+        return COOKIE in cookies and _equal(cookies[COOKIE].value, self.token)
+
+    def _is_own_host(self, host: str) -> bool:
+        if self.token is not None:  # any name may lead here; the token tells friend from foe
+            return True
+        return host.lower() in {f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")}
+
+
+def _equal(given: str, wanted: str) -> bool:
+    return hmac.compare_digest(given.encode(errors="replace"), wanted.encode())
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches `host`.
+
+    Raises:
+        ViewerError: not an IP address.
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError as error:
+        raise ViewerError(
+            f"viewer: host {host!r} is not an IP address; use 127.0.0.1 (this machine) or 0.0.0.0 (network)"
+        ) from error
+
+
+class GuardedServer(viser.ViserServer):
+    """A viser server behind an AccessRule.
+
+    Args:
+        rule: Address and who may use it.
+        label: Title of the panel.
+
+    Raises:
+        ViewerError: the port is busy, an address beyond this machine has no token, or viser has changed.
+    """
+
+    def __init__(self, rule: AccessRule, label: str) -> None:
+        if rule.token is None and not is_loopback(rule.host):
+            raise ViewerError(f"viewer: {rule.host} is reached from the network, which needs a token")
+        self.rule = rule
+        _check_free(rule)
+        os.environ.pop("_VISER_PORT_OVERRIDE", None)
+        guarded: list[bool] = []
+        with _guarding(rule, guarded), contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(host=rule.host, port=rule.port, label=label, verbose=False)
+        if not guarded or self.get_port() != rule.port:
+            self.stop()
+            raise ViewerError(
+                _busy(rule)
+                if guarded
+                else "viewer: this version of viser cannot be guarded; install the pinned one"
+            )
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """No tunnel to the outside, whoever asks."""
+        return None
+
+    def stop(self) -> None:
+        """Close the page's connections and the port."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+def _check_free(rule: AccessRule) -> None:
+    family = socket.AF_INET6 if ":" in rule.host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            probe.bind((rule.host, rule.port))
+            probe.listen()
+        except PermissionError as error:
+            raise ViewerError(f"viewer: port {rule.port} needs root; use one from 1024 to 65535") from error
+        except OSError as error:
+            raise ViewerError(_busy(rule)) from error
+
+
+def _busy(rule: AccessRule) -> str:
+    return (
+        f"viewer: port {rule.port} of {rule.host} is busy or not there; close the program that uses it, or "
+        "take another port (parameter port)"
+    )
+
+
+@contextlib.contextmanager
+def _guarding(rule: AccessRule, guarded: list[bool]) -> Iterator[None]:
+    """Put the rule before whatever is served meanwhile; `guarded` then is not empty."""
+    serve = websockets.asyncio.server.serve
+    page = _page()
+
+    def guarded_serve(handler: Any, *args: Any, **options: Any) -> Any:
+        guarded.append(True)
+        options["process_request"] = _guard(rule, page, options.get("process_request"))
+        return serve(handler, *args, **options)
+
+    module: Any = websockets.asyncio.server
+    module.serve = guarded_serve
+    try:
+        yield
+    finally:
+        module.serve = serve
+
+
+def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request], Response | None]:
+    def process(connection: Any, request: Request) -> Response | None:
+        refusal = rule.refusal(request)
+        if refusal is not None:
+            status, sentence = refusal
+            return _response(status, f"{sentence}\n".encode(), "text/plain; charset=utf-8")
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return None
+        if rule.has_token(request):
+            answer = _response(http.HTTPStatus.SEE_OTHER, b"", "text/plain")
+            answer.headers["Location"] = "/"
+            answer.headers["Set-Cookie"] = f"{COOKIE}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
+            return answer
+        if urlsplit(request.path).path in ("/", "/index.html"):
+            answer = _response(http.HTTPStatus.OK, page, "text/html; charset=utf-8")
+            answer.headers["Content-Encoding"] = "gzip"
+            return answer
+        other: Response | None = inner(connection, request)
+        if other is not None:
+            _protect(other.headers)
+        return other
+
+    return process
+
+
+def _page() -> bytes:
+    """The page of viser with our script in it, compressed."""
+    file = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    text = file.read_text(encoding="utf-8")
+    head = text.find("<head>")
+    if head < 0:
+        raise ViewerError("viewer: viser's page has another form; install the pinned version")
+    cut = head + len("<head>")
+    return gzip.compress((text[:cut] + KEYS_STAY_HERE + text[cut:]).encode(), mtime=0)
+
+
+def _response(status: http.HTTPStatus, body: bytes, content_type: str) -> Response:
+    headers = Headers({"Content-Type": content_type, "Content-Length": str(len(body)), "Connection": "close"})
+    _protect(headers)
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _protect(headers: Headers) -> None:
+    headers["Content-Security-Policy"] = CONTENT_POLICY
+    headers["X-Content-Type-Options"] = "nosniff"
+    headers["Referrer-Policy"] = "no-referrer"
+    headers["Cache-Control"] = "no-store"

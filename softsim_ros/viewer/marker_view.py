@@ -1,0 +1,128 @@
+"""Marker arrays of the simulator in the page: cables, contacts, rigid bodies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseArray
+from numpy.typing import NDArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softsim_ros.viewer.surface import MM
+
+
+def marker_points(marker: Marker) -> NDArray[np.float32]:
+    """Points of a marker in [mm], shape (k, 3); a marker without a list is one point, its own position."""
+    at = marker.pose.position
+    shift = np.array([at.x, at.y, at.z])
+    points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
+    return np.asarray(MM * (points + shift if len(points) else shift[None]), dtype=np.float32)
+
+
+def marker_colour(marker: Marker) -> tuple[int, int, int]:
+    """Red, green, blue in 0..255."""
+    colour = marker.color
+    return round(255 * colour.r), round(255 * colour.g), round(255 * colour.b)
+
+
+class MarkerView:
+    """Draws the markers of one topic, in the world's frame.
+
+    Args:
+        scene: viser's scene.
+        name: Where in the tree they go, such as "cables".
+    """
+
+    def __init__(self, scene: Any, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
+        self._visible = True
+
+    def switch(self, shown: bool) -> None:
+        """Show or hide all of them."""
+        self._visible = shown
+        for _, handle in self._drawn.values():
+            handle.visible = shown
+
+    def update(self, message: MarkerArray) -> None:
+        """Draw what a message says; what it does not name, is gone."""
+        named = set()
+        for marker in message.markers:
+            key = (marker.ns, marker.id)
+            if marker.action == Marker.ADD and self._draw(key, marker):
+                named.add(key)
+        for key in self._drawn.keys() - named:
+            self._drawn.pop(key)[1].remove()
+
+    def _draw(self, key: tuple[str, int], marker: Marker) -> bool:
+        points = marker_points(marker)
+        lines = marker.type in (Marker.LINE_STRIP, Marker.LINE_LIST)
+        if marker.type == Marker.LINE_STRIP:
+            points = np.stack([points[:-1], points[1:]], axis=1)
+        elif marker.type == Marker.LINE_LIST:
+            points = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
+        if not len(points):
+            return False
+        kind, handle = self._drawn.get(key, (-1, None))
+        if handle is not None and kind == marker.type:
+            handle.points = points
+            return True
+        if handle is not None:
+            handle.remove()
+        name, colour = f"/{self._name}/{key[0] or 'marker'}_{key[1]}", marker_colour(marker)
+        size = MM * marker.scale.x
+        if lines:
+            handle = self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
+        else:
+            handle = self._scene.add_point_cloud(
+                name, points, colour, point_size=max(size, 0.5), point_shape="circle", precision="float32"
+            )
+        handle.visible = self._visible
+        self._drawn[key] = (marker.type, handle)
+        return True
+
+
+class RigidView:
+    """Draws rigid bodies: their triangles once, then their poses.
+
+    Args:
+        scene: viser's scene.
+    """
+
+    def __init__(self, scene: Any) -> None:
+        self._scene = scene
+        self._bodies: list[Any] = []
+
+    def show(self, message: MarkerArray) -> None:
+        """Take other bodies: one TRIANGLE_LIST each, in the body's own frame."""
+        for body in self._bodies:
+            body.remove()
+        self._bodies = []
+        for marker in message.markers:
+            vertices = marker_points(marker)
+            faces = np.arange(len(vertices) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
+            alpha = marker.color.a
+            self._bodies.append(
+                self._scene.add_mesh_simple(
+                    f"/rigid/{marker.ns or marker.id}",
+                    vertices,
+                    faces,
+                    color=marker_colour(marker),
+                    opacity=alpha if 0.0 < alpha < 1.0 else None,
+                    flat_shading=True,
+                    side="double",
+                )
+            )
+
+    def switch(self, shown: bool) -> None:
+        """Show or hide them."""
+        for body in self._bodies:
+            body.visible = shown
+
+    def move(self, message: PoseArray) -> None:
+        """Place the bodies, in their order."""
+        for body, pose in zip(self._bodies, message.poses, strict=False):
+            turn = pose.orientation
+            body.position = (MM * pose.position.x, MM * pose.position.y, MM * pose.position.z)
+            body.wxyz = (turn.w, turn.x, turn.y, turn.z)

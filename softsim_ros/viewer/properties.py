@@ -1,0 +1,88 @@
+"""The parts of a scene with their properties and help texts, from the descriptions themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from softsim_core.scene.description import SceneDescription
+
+_SKIPPED = ("name", "keys", "controllers")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a scene.
+
+    Attributes:
+        path: Where it stands in the tree, such as "bodies/silicone".
+        help: What it is, one sentence or two.
+        properties: Name, value as text, and help of each property.
+    """
+
+    path: str
+    help: str
+    properties: tuple[tuple[str, str, str], ...]
+
+
+def parts_of(scene: SceneDescription) -> dict[str, Part]:
+    """Every part of a scene by its path, the scene itself first."""
+    found: dict[str, Part] = {}
+    _visit(scene, scene.name, found)
+    return found
+
+
+def _visit(value: Any, path: str, found: dict[str, Part]) -> None:
+    """Add a description and the descriptions in it."""
+    summary, helps = documentation(type(value))
+    rows, inner = [], []
+    for field in dataclasses.fields(value):
+        content = getattr(value, field.name)
+        if field.name in _SKIPPED:
+            continue
+        below = f"{path}/{field.name}"
+        if dataclasses.is_dataclass(content):
+            inner.append((below, content))
+        elif isinstance(content, tuple) and content and dataclasses.is_dataclass(content[0]):
+            inner += [
+                (f"{below}/{getattr(each, 'name', getattr(each, 'joint', i))}", each)
+                for i, each in enumerate(content)
+            ]
+        else:
+            rows.append((field.name, value_text(content), helps.get(field.name, "")))
+    found[path] = Part(path, summary, tuple(rows))
+    for below, content in inner:
+        _visit(content, below, found)
+
+
+def value_text(value: Any) -> str:
+    """A value for a person."""
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple):
+        return ", ".join(map(value_text, value)) or "none"
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {value_text(each)}" for key, each in value.items()) or "none"
+    if hasattr(value, "shape"):
+        return f"array {tuple(value.shape)}"
+    return str(value)
+
+
+def documentation(kind: type) -> tuple[str, dict[str, str]]:
+    """First paragraph of a class's docstring, and the texts of its attributes by name."""
+    text = inspect.getdoc(kind) or ""
+    summary = " ".join(text.split("\n\n")[0].split())
+    section = re.search(r"^Attributes:\n(.*?)(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+    helps: dict[str, str] = {}
+    if section:
+        body = inspect.cleandoc(section.group(1))
+        for match in re.finditer(r"^([\w, ]+): (.*?)(?=^\S|\Z)", body, re.DOTALL | re.MULTILINE):
+            for name in match.group(1).split(","):
+                helps[name.strip()] = " ".join(match.group(2).split())
+    return summary, helps

@@ -1,0 +1,124 @@
+"""Numbers for a person as HTML: joint bars with limits, lamps, the stress scale, stage times."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence
+
+from softsim_core.scene.description import JointDescription
+from softsim_ros.teleop.commands import format_position
+from softsim_ros.viewer.surface import band_colours
+
+GREEN, AMBER, RED, GREY = "#2b8a3e", "#e67700", "#c92a2a", "#868e96"
+
+Stage = Mapping[str, str]
+
+
+def box(content: str) -> str:
+    """Content with the panel's margins and size of type."""
+    return f'<div style="padding:2px 10px 6px;font-size:0.8em;line-height:1.35">{content}</div>'
+
+
+def joint_bars(
+    joints: Sequence[JointDescription],
+    positions: Sequence[float] | None,
+    targets: Sequence[float] | None,
+    efforts: Sequence[float],
+    enforced: bool = True,
+) -> str:
+    """A bar for each joint from its lower to its upper limit: measured position, a tick for its command."""
+    if positions is None:
+        return box("no joint states yet; is the simulator running?")
+    rows = []
+    for index, joint in enumerate(joints):
+        lower, upper = joint.limits.lower, joint.limits.upper
+        position = positions[index]
+        unit = "N·m" if joint.kind == "revolute" else "N"
+        effort = f"{efforts[index]:+.3g} {unit}" if index < len(efforts) else ""
+        outside = not lower - 1e-6 <= position <= upper + 1e-6
+        colour = AMBER if outside and enforced else "#1971c2"
+        bar = ""
+        if math.isfinite(lower) and math.isfinite(upper):
+            share = _share(position, lower, upper)
+            tick = "" if targets is None else _tick(_share(targets[index], lower, upper))
+            bar = (
+                '<div style="position:relative;height:8px;background:#dee2e6;border-radius:4px">'
+                f'<div style="width:{share:.1f}%;height:8px;background:{colour};border-radius:4px"></div>'
+                f"{tick}</div>"
+                f'<div style="display:flex;justify-content:space-between;opacity:0.65;font-size:0.85em">'
+                f"<span>{_short(joint, lower)}</span><span>{_short(joint, upper)}</span></div>"
+            )
+        rows.append(
+            f'<div style="display:flex;justify-content:space-between"><b>{html.escape(joint.name)}</b>'
+            f"<span>{html.escape(format_position(joint, position))} &nbsp; {effort}</span></div>{bar}"
+        )
+    return box("".join(rows))
+
+
+def _share(value: float, lower: float, upper: float) -> float:
+    return 100.0 * min(1.0, max(0.0, (value - lower) / (upper - lower))) if upper > lower else 0.0
+
+
+def _tick(share: float) -> str:
+    place = f"position:absolute;top:-2px;left:calc({share:.1f}% - 1px)"
+    return f'<div style="{place};width:2px;height:12px;background:#000"></div>'
+
+
+def _short(joint: JointDescription, value: float) -> str:
+    return f"{math.degrees(value):.0f}°" if joint.kind == "revolute" else f"{1e3 * value:.1f} mm"
+
+
+def lamps(states: Sequence[tuple[str, str]]) -> str:
+    """Coloured lamps with their words: (word, colour) each."""
+    lamp = (
+        '<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:9px;'
+        'height:9px;border-radius:5px;background:{colour};margin-right:4px"></span>{word}</span>'
+    )
+    return box("".join(lamp.format(colour=colour, word=html.escape(word)) for word, colour in states))
+
+
+def legend(highest: float, colours: Sequence[tuple[int, int, int]] | None = None) -> str:
+    """The stress scale from 0 to `highest` in [Pa]."""
+    cells = "".join(
+        f'<div style="flex:1;height:12px;background:rgb({r},{g},{b})"></div>'
+        for r, g, b in colours or band_colours()
+    )
+    return box(
+        f'<b>von Mises stress</b><div style="display:flex">{cells}</div>'
+        '<div style="display:flex;justify-content:space-between"><span>0</span>'
+        f"<span>{pressure(highest / 2)}</span><span>{pressure(highest)}</span></div>"
+    )
+
+
+def pressure(value: float) -> str:
+    """A stress for a person: Pa, kPa or MPa."""
+    for factor, unit in ((1e6, "MPa"), (1e3, "kPa")):
+        if abs(value) >= factor:
+            return f"{value / factor:.3g} {unit}"
+    return f"{value:.3g} Pa"
+
+
+def stage_table(stages: Mapping[str, Stage]) -> str:
+    """Times of the stages of a step: calls, smallest, mean, largest, percent of the whole."""
+    if not stages:
+        return box("no statistics yet; is the simulator running?")
+    columns = ("calls", "min_ms", "mean_ms", "max_ms", "percent")
+    titles = ("calls", "min ms", "mean ms", "max ms", "%")
+    head = "".join(f'<th style="text-align:right">{title}</th>' for title in titles)
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td>"
+        + "".join(
+            f'<td style="text-align:right">{html.escape(values.get(column, ""))}</td>' for column in columns
+        )
+        + "</tr>"
+        for name, values in stages.items()
+    )
+    head = f'<tr><th style="text-align:left">stage</th>{head}</tr>'
+    return box(f'<table style="width:100%;border-spacing:0">{head}{rows}</table>')
+
+
+def sentence(text: str, *, bad: bool = False) -> str:
+    """One sentence, in red where it is bad news."""
+    colour = f"color:{RED};font-weight:bold" if bad else ""
+    return box(f'<span style="{colour}">{html.escape(text)}</span>')

@@ -1,0 +1,76 @@
+"""Parameters of the viewer: read before the node takes its namespace from the robot, declared on the node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import rclpy
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from softsim_ros.runtime import ParameterError, declare_switch, declare_text
+
+DEFAULT_ROBOT: Final = "tripod"
+DEFAULT_PORT: Final = 8080
+
+
+@dataclass(frozen=True)
+class ViewerSettings:
+    """Where the page is served, and how it looks.
+
+    Attributes:
+        host: IP address that is listened on; 127.0.0.1 is this machine only.
+        port: TCP port.
+        token: Secret for use from the network; empty: one is made where it is needed.
+        lite: Cheap light, for browsers without a graphics card.
+        parent: Process number of the program that started the viewer: it ends with it; 0: on its own.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = DEFAULT_PORT
+    token: str = ""
+    lite: bool = False
+    parent: int = 0
+
+    def declare(self, node: Node) -> ViewerSettings:
+        """Declare the parameters on a node, these values as defaults; returns what they are there.
+
+        Raises:
+            ParameterError: a value given at start is not allowed.
+        """
+        host = declare_text(node, "host", self.host, "IP address to listen on; 127.0.0.1: this machine only")
+        token = declare_text(node, "token", self.token, "secret that browsers bring; empty: made when needed")
+        lite = declare_switch(node, "lite", self.lite, "cheap light and no shadows", read_only=True)
+        port = _declare_count(node, "port", self.port, "TCP port of the page", 1, 65535)
+        parent = _declare_count(
+            node, "parent", self.parent, "ends with this process; 0: on its own", 0, 2**31
+        )
+        return ViewerSettings(host, port, token, lite, parent)
+
+
+def _declare_count(node: Node, name: str, default: int, description: str, lower: int, upper: int) -> int:
+    descriptor = ParameterDescriptor(
+        description=description,
+        read_only=True,
+        integer_range=[IntegerRange(from_value=lower, to_value=upper, step=1)],
+    )
+    try:
+        return int(node.declare_parameter(name, default, descriptor).value)
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise ParameterError(
+            f"parameter {name} is refused; allowed is a whole number from {lower} to {upper}"
+        ) from error
+
+
+def requested_settings() -> tuple[str, ViewerSettings]:
+    """The robot and the settings given to this process."""
+    probe = rclpy.create_node(
+        "viewer", namespace=DEFAULT_ROBOT, enable_rosout=False, start_parameter_services=False
+    )
+    try:
+        robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
+        return robot, ViewerSettings().declare(probe)
+    finally:
+        probe.destroy_node()

@@ -1,0 +1,176 @@
+"""The 3-D side of the page: bodies, inside, markers, goal handle, pull; positions in mm, colours fixed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.viewer.inner_view import InnerView
+from softsim_ros.viewer.marker_view import MarkerView, RigidView
+from softsim_ros.viewer.panel import Inbox
+from softsim_ros.viewer.pull import Pull
+from softsim_ros.viewer.surface import MM, SurfaceView
+
+CAMERA: Final = ((120.0, -165.0, 110.0), (15.0, 10.0, 5.0))
+"""Where the camera starts and what it looks at, in [mm], for a robot of about 100 mm."""
+
+BACKGROUND: Final = (222, 228, 235)
+FLOOR_MM: Final = -20.0
+
+GOAL_HOLD_S: Final = 1.0
+"""After it was dragged the goal handle stays this long, in [s], before it follows the goals of others."""
+
+
+class Stage:
+    """What a scene shows.
+
+    Args:
+        server: viser's server.
+        inbox: Where the mouse's events go.
+        robot: The scene.
+        frames: Names of its frames in the order of their poses.
+        on_goal: Called with a dragged goal, in [m].
+        lite: Cheap light and no shadows, for machines without a graphics card.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        inbox: Inbox,
+        robot: SceneDescription,
+        frames: list[str],
+        on_goal: Callable[[EffectorPose], None],
+        *,
+        lite: bool,
+    ) -> None:
+        self._server, self._inbox, self._on_goal = server, inbox, on_goal
+        scene = server.scene
+        scene.set_up_direction("+z")
+        if lite:
+            scene.configure_environment_map(None)
+            scene.configure_default_lights(cast_shadow=False)
+            scene.add_light_hemisphere("/lights/sky", intensity=1.5)
+        else:
+            scene.configure_environment_map("studio", environment_intensity=0.35)
+        scene.set_background_image(np.full((2, 2, 3), BACKGROUND, np.uint8), format="png")
+        scene.add_grid(
+            "/floor",
+            width=300.0,
+            height=300.0,
+            cell_size=10.0,
+            section_size=50.0,
+            cell_color=(190, 198, 206),
+            section_color=(160, 168, 178),
+            position=(0.0, 0.0, FLOOR_MM),
+        )
+        scene.add_frame("/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM))
+        self.surface = SurfaceView(scene, self._on_mesh)
+        self.inner = InnerView(scene, robot, frames)
+        self.cables, self.contacts = MarkerView(scene, "cables"), MarkerView(scene, "contacts")
+        self.rigid = RigidView(scene)
+        self.pull: Pull | None = None
+        self.pull_mode = False
+        self._rope: Any = None
+        self._goal: Any = None
+        self._goal_moved_at = -np.inf
+        self._goal_dragged = False
+
+    # --- goal -----------------------------------------------------------------------------------------
+
+    def show_goal(self, pose: EffectorPose | None, now: float) -> None:
+        """Place the handle of the goal; None hides it. A handle that is being dragged stays in the hand."""
+        if pose is None:
+            if self._goal is not None:
+                self._goal.remove()
+                self._goal, self._goal_dragged = None, False
+            return
+        if self._goal is None:
+            self._make_goal()
+        elif self._goal_dragged or now - self._goal_moved_at < GOAL_HOLD_S:
+            return
+        x, y, z, w = pose.quaternion_xyzw
+        position = np.array(pose.position) * MM
+        if not np.allclose(position, self._goal.position, atol=1e-6) or not np.allclose(
+            (w, x, y, z), self._goal.wxyz, atol=1e-9
+        ):
+            self._goal.position, self._goal.wxyz = position, (w, x, y, z)
+
+    def _make_goal(self) -> None:
+        self._goal = self._server.scene.add_transform_controls("/goal", scale=25.0, depth_test=False)
+        self._server.scene.add_icosphere("/goal/ball", radius=2.0, color=(240, 62, 62))
+
+        async def moved(event: Any) -> None:
+            position, turn = np.array(event.target.position), np.array(event.target.wxyz)
+            phase = event.phase
+            self._inbox.put(lambda: self._drag_goal(phase, position, turn))
+
+        self._goal.on_update(moved)
+
+    def _drag_goal(self, phase: str, position: NDArray[Any], wxyz: NDArray[Any]) -> None:
+        self._goal_dragged = phase != "end"
+        self._goal_moved_at = self.now
+        x, y, z = (position / MM).tolist()
+        w, i, j, k = wxyz.tolist()
+        self._on_goal(EffectorPose((x, y, z), (i, j, k, w)))
+
+    now: float = 0.0
+    """Steady clock of the frame being served, in [s]; set by the node."""
+
+    # --- pull -----------------------------------------------------------------------------------------
+
+    def set_pull_mode(self, on: bool) -> None:
+        """Let a plain drag pull, too, where there is no Shift key."""
+        self.pull_mode = on
+        self.surface.rebuild()
+
+    def _on_mesh(self, mesh: Any) -> None:
+        async def dragged(event: Any) -> None:
+            start, end, phase = np.array(event.start_position), np.array(event.end_position), event.phase
+            self._inbox.put(lambda: self._drag_body(phase, start, end))
+
+        mesh.on_drag("left", modifier="shift")(dragged)
+        if self.pull_mode:
+            mesh.on_drag("left")(dragged)
+
+    def _drag_body(self, phase: str, start: NDArray[Any], end: NDArray[Any]) -> None:
+        if phase == "end":
+            self.pull = None
+        else:
+            if self.pull is None:
+                vertex = self.surface.nearest(start.astype(np.float32))
+                self.pull = Pull(vertex, start - self.surface.points[vertex])
+            self.pull.target = end
+        self.draw_rope()
+
+    def draw_rope(self) -> None:
+        """Draw the line from the pulled vertex to the cursor."""
+        if self.pull is None:
+            if self._rope is not None:
+                self._rope.remove()
+                self._rope = None
+            return
+        start = self.surface.points[self.pull.vertex] + self.pull.offset
+        line = np.array([[start, self.pull.target]], dtype=np.float32)
+        if self._rope is None:
+            self._rope = self._server.scene.add_line_segments("/pull", line, (201, 42, 42), thickness=0.8)
+        else:
+            self._rope.points = line
+
+    def let_go(self) -> None:
+        """End a pull."""
+        self.pull = None
+        self.draw_rope()
+
+
+def reset_cameras(server: Any) -> None:
+    """Move the camera of every browser to where it started."""
+    position, target = CAMERA
+    for client in server.get_clients().values():
+        client.camera.position = position
+        client.camera.look_at = target
+        client.camera.up_direction = (0.0, 0.0, 1.0)

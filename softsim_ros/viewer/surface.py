@@ -1,0 +1,200 @@
+"""The visible surface of the bodies: plain, or coloured by stress in bands; vertices move, triangles stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.arrays import IndexArray
+from softsim_ros.messages import stress_colours
+
+MM: Final = 1000.0
+"""The page shows millimetres."""
+
+BANDS: Final = 12
+"""Colours of the stress scale; a viser mesh has one colour, so each band is a mesh of its own."""
+
+REGROUP_PERIOD_S: Final = 0.2
+"""Triangles are sorted into bands this often, in [s]; in between only vertices move."""
+
+Points = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A body's share of the surface.
+
+    Attributes:
+        name: Name of the body.
+        points: First and end index of its vertices.
+        triangles: Its triangles, with indices into all vertices, shape (k, 3).
+        colour: Red, green, blue, alpha in 0..1.
+    """
+
+    name: str
+    points: tuple[int, int]
+    triangles: IndexArray
+    colour: tuple[float, float, float, float]
+
+
+def band_edges(highest: float) -> list[float]:
+    """Lower edge of each band in the unit of `highest`, shape (BANDS,)."""
+    return [highest * band / BANDS for band in range(BANDS)]
+
+
+def band_colours() -> list[tuple[int, int, int]]:
+    """Red, green, blue in 0..255 of each band: the middle of its part of the scale."""
+    middles = (np.arange(BANDS) + 0.5) / BANDS
+    return [(int(r), int(g), int(b)) for r, g, b in np.rint(255.0 * stress_colours(middles, 1.0))]
+
+
+def bands_of(stress: NDArray[Any], triangles: IndexArray, highest: float) -> NDArray[np.int64]:
+    """Band of each triangle by the mean stress of its corners, shape (k,)."""
+    if not highest > 0.0:
+        return np.zeros(len(triangles), dtype=np.int64)
+    mean = stress[triangles].mean(axis=1)
+    return np.clip((mean * (BANDS / highest)).astype(np.int64), 0, BANDS - 1)
+
+
+def compact(triangles: IndexArray, count: int) -> tuple[IndexArray, NDArray[np.uint32]]:
+    """The vertices that some triangles use, ascending, and the triangles numbered by them.
+
+    Args:
+        triangles: Indices into `count` vertices, shape (k, 3).
+        count: Number of vertices there are.
+    """
+    used = np.zeros(count, dtype=bool)
+    used[triangles] = True
+    number = np.cumsum(used) - 1
+    return np.flatnonzero(used), number[triangles].astype(np.uint32)
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 5, 10, ... that is not smaller; 1 for a value that is not positive."""
+    if not value > 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
+
+
+@dataclass
+class _Band:
+    mesh: Any
+    vertices: IndexArray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+class SurfaceView:
+    """The surface in the page.
+
+    Args:
+        scene: viser's scene.
+        on_mesh: Called with every mesh that is made, to make it answer to the mouse.
+    """
+
+    def __init__(self, scene: Any, on_mesh: Callable[[Any], None]) -> None:
+        self._scene, self._on_mesh = scene, on_mesh
+        self._parts: list[Part] = []
+        self._triangles: IndexArray = np.zeros((0, 3), np.int64)
+        self._plain: list[tuple[Part, Any]] = []
+        self._bands: list[_Band] = []
+        self._regrouped_at = -math.inf
+        self.points: Points = np.zeros((0, 3), np.float32)
+        self.stress: Points = np.zeros(0, np.float32)
+        self.by_stress = False
+        self.visible = True
+        self.wireframe = False
+        self.top_stress = 0.0
+        self.shown_top = 1.0
+
+    def show(self, parts: list[Part], points: Points) -> None:
+        """Show another surface; `points` in [mm], shape (p, 3)."""
+        self._parts, self.points = parts, np.array(points)
+        self.stress = np.zeros(len(points), np.float32)
+        empty = np.zeros((0, 3), np.int64)
+        self._triangles = np.concatenate([empty, *(part.triangles for part in parts)])
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """Make the meshes anew, after a switch was changed."""
+        for _, mesh in self._plain:
+            mesh.remove()
+        for band in self._bands:
+            band.mesh.remove()
+        self._plain, self._bands = [], []
+        if not self.visible or not len(self._triangles):
+            return
+        if self.by_stress:
+            self._make_bands()
+        else:
+            self._make_plain()
+
+    def update(self, points: Points, stress: Points, now: float) -> None:
+        """Move the vertices: positions in [mm], shape (p, 3), stress in [Pa], shape (p,); `now` in [s]."""
+        if points.shape != self.points.shape:
+            return  # of another scene, whose triangles have not come yet
+        self.points, self.stress = points, stress
+        for part, mesh in self._plain:
+            mesh.vertices = points[slice(*part.points)]
+        if self._bands and now - self._regrouped_at >= REGROUP_PERIOD_S:
+            self._regrouped_at = now
+            self._regroup()
+        else:
+            for band in self._bands:
+                band.mesh.vertices = points[band.vertices]
+
+    def nearest(self, position: Points) -> int:
+        """Index of the vertex that is nearest to a position in [mm]."""
+        return int(np.argmin(((self.points - position) ** 2).sum(axis=1)))
+
+    def _make_plain(self) -> None:
+        for part in self._parts:
+            *rgb, alpha = part.colour
+            mesh = self._scene.add_mesh_simple(
+                f"/bodies/{part.name}",
+                self.points[slice(*part.points)],
+                (part.triangles - part.points[0]).astype(np.uint32),
+                color=tuple(round(255 * channel) for channel in rgb),
+                opacity=None if alpha >= 1.0 else alpha,
+                wireframe=self.wireframe,
+                side="double",
+            )
+            self._plain.append((part, mesh))
+            self._on_mesh(mesh)
+
+    def _make_bands(self) -> None:
+        for index, colour in enumerate(band_colours()):
+            mesh = self._scene.add_mesh_simple(
+                f"/stress/{index:02d}",
+                self.points[:3],
+                np.zeros((1, 3), np.uint32),
+                color=colour,
+                flat_shading=True,
+                wireframe=self.wireframe,
+                side="double",
+            )
+            self._bands.append(_Band(mesh))
+            self._on_mesh(mesh)
+        self._regroup()
+
+    def _regroup(self) -> None:
+        highest = float(np.max(self.stress, initial=0.0))
+        if self.top_stress > 0.0:
+            self.shown_top = self.top_stress
+        elif (
+            highest > self.shown_top or round_up(highest) < 0.45 * self.shown_top
+        ):  # no flicker between two tops
+            self.shown_top = round_up(highest)
+        band_of = bands_of(self.stress, self._triangles, self.shown_top)
+        for index, band in enumerate(self._bands):
+            own = self._triangles[band_of == index]
+            if len(own):
+                band.vertices, faces = compact(own, len(self.points))
+            else:  # hiding it would leave holes for a frame, so it shrinks to a point
+                band.vertices, faces = np.arange(3), np.zeros((1, 3), np.uint32)
+            band.mesh.vertices = self.points[band.vertices]
+            band.mesh.faces = faces

@@ -1,0 +1,26 @@
+"""Ranges of sliders from the limits of joints."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from softsim_core.scene.description import JointDescription
+
+STEPS: Final = 1000
+FREE_RANGE: Final = {"revolute": math.pi, "prismatic": 0.1, "cable": 0.05}
+"""Half width of a slider in [rad] or [m] where a joint has no limit."""
+
+
+def joint_range(joint: JointDescription) -> tuple[float, float, float]:
+    """Lower end, upper end and step of a joint's slider, in [rad] or [m]."""
+    free = FREE_RANGE.get(joint.kind, 1.0)
+    lower = joint.limits.lower if math.isfinite(joint.limits.lower) else -free
+    upper = joint.limits.upper if math.isfinite(joint.limits.upper) else free
+    return lower, upper, max((upper - lower) / STEPS, 1e-9)
+
+
+def slider_value(joint: JointDescription, position: float) -> float:
+    """The place on a joint's slider that is nearest to a position in [rad] or [m]."""
+    lower, upper, step = joint_range(joint)
+    return min(max(lower + step * round((position - lower) / step), lower), upper)
