@@ -35,6 +35,8 @@ COMMANDS = {
     ),
     "record": Command("softsim_ros.cli.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
     "replay": Command("softsim_ros.cli.replay", "play a bag again, whole or only its commands"),
+    "export": Command("softsim_ros.cli.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
+    "report": Command("softsim_ros.cli.report", "one web page about a bag: charts and the moving picture"),
     "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"
