@@ -32,7 +32,7 @@ def test_a_goal_moves_the_bytes_and_its_end_holds_them(
             "-p", "autostart:=activate", "-p", "open_wait_s:=0.0",
         )  # fmt: skip
         controller = start_process("softsim_ros.inverse.inverse_node")
-        assert controller.says("ready to control", 60.0), controller.output
+        assert controller.says("ready to control", 180.0), controller.output
         applied = client.collect(JointState, "applied_joint_states", 1)
         poses = client.collect(PoseStamped, "inverse_controller/model_pose", 1)
 

@@ -25,7 +25,7 @@ from softsim_ros.messages import diagnostic_values  # noqa: E402
 
 CONTROLLER = "softsim_ros.inverse.inverse_node"
 NAME = "tripod/inverse_controller"
-READY_S = 60.0
+READY_S = 180.0  # kernels may have to be compiled
 SPEED = 3.5  # rad/s, of the Tripod's servos
 DT = 0.01
 

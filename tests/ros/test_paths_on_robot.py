@@ -65,7 +65,7 @@ def tilts_in(message: PoseStamped) -> np.ndarray:
 @pytest.fixture(scope="module")
 def controller(start_process: Callable[..., Any], running_tripod: Any) -> Any:
     process = start_process("softsim_ros.inverse.inverse_node")
-    assert process.says("ready to control", 60.0), process.output
+    assert process.says("ready to control", 180.0), process.output
     return process
 
 
