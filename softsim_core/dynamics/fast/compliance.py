@@ -14,126 +14,153 @@ from softsim_core.dynamics.fast.compile import kernel
 from softsim_core.dynamics.fast.factorisation import solve_backward, subtract_products
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
 from softsim_core.dynamics.fast.layout import Border, Motion, Nodes, Tree, Work
-from softsim_core.dynamics.fast.simd import LANES, ROWS
+from softsim_core.dynamics.fast.simd import (
+    LANES,
+    ROWS,
+    add_to,
+    dot_product,
+    solve_rows,
+    tile_one,
+    tile_two,
+)
 
 
 @kernel
 def spread_rows(
-    start: IndexArray, index: IndexArray, coefficient: Array, motion: Motion, border: Border, nodes: Nodes,
-    place: IndexArray, supernode: IndexArray, work: Work, spread: Array, spans: IndexArray,
+    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
+    border: Border, nodes: Nodes, unknown: IndexArray, supernode: IndexArray, tree: Tree, parent: IndexArray,
+    work: Work, spread: Array, spans: IndexArray,
 ) -> None:  # fmt: skip
-    """H^T into `spread` (unknowns, padded rows), and which columns each supernode has in `spans` (s, 2)."""
+    """H^T into `spread` (unknowns, padded rows), row r in column[r]; spans: columns of each supernode."""
     screws(motion, border, work)
     jacobians(motion, nodes, work)
-    spread[:] = 0.0
-    size = len(start) - 1
+    size, count, tail = len(start) - 1, len(unknown), 3 * len(nodes.free)
     for s in range(len(spans)):
-        spans[s, 0], spans[s, 1] = size, 0
-    count, tail = len(place), 3 * len(nodes.free)
+        spans[s, 0], spans[s, 1] = spread.shape[1], 0
     for r in range(size):
+        low = column[r] - column[r] % LANES
         for e in range(start[r], start[r + 1]):
-            n = index[e]
-            if n >= count:
-                spread[tail + n - count, r] += coefficient[e, 0]
-            elif place[n] >= 0:
-                for c in range(3):
-                    spread[place[n] + c, r] += coefficient[e, c]
+            n = place[e]
+            if n < count and unknown[n] >= 0:
                 s = supernode[n]
-                spans[s, 0], spans[s, 1] = min(spans[s, 0], r), max(spans[s, 1], r + 1)
+                spans[s, 0], spans[s, 1] = min(spans[s, 0], low), max(spans[s, 1], low + LANES)
+    for s in range(len(spans)):
+        low, high, p = spans[s, 0], spans[s, 1], parent[s]
+        if low < high and p >= 0:
+            spans[p, 0], spans[p, 1] = min(spans[p, 0], low), max(spans[p, 1], high)
+        for k in range(tree.columns[s]):
+            spread[tree.first_column[s] + k, low:high] = 0.0
+    spread[tail:] = 0.0
+    for r in range(size):
+        c = column[r]
+        for e in range(start[r], start[r + 1]):
+            n = place[e]
+            if n >= count:
+                spread[tail + n - count, c] += coefficient[e, 0]
+            elif unknown[n] >= 0:
+                for i in range(3):
+                    spread[unknown[n] + i, c] += coefficient[e, i]
             elif nodes.zone_number[n] >= 0:
                 z = nodes.zone_number[n]
                 for q in range(nodes.size[z]):
-                    for c in range(3):
-                        spread[tail + nodes.border[z, q], r] += work.jacobian[z, q, c] * coefficient[e, c]
+                    for i in range(3):
+                        spread[tail + nodes.border[z, q], c] += work.jacobian[z, q, i] * coefficient[e, i]
 
 
 @kernel
-def forward_rows(tree: Tree, work: Work, parent: IndexArray, spans: IndexArray, spread: Array) -> None:
-    """Y = L^-1 H^T in place; the rows of the border become H_b^T - A_bi A^-1 H^T."""
+def subtract_tiles(
+    target: Array, place: int, stride: int, source: Array, a: int, b: int, pitch: int, count: int, length: int
+) -> None:
+    """ROWS rows of `length` numbers: target[i, j] -= sum over `count` rows of source[a + i] source[b + j]."""
+    j = 0
+    while j + 2 * LANES <= length:
+        tile_two(target, place + j, stride, source, a, b + j, pitch, count)
+        j += 2 * LANES
+    if j < length:
+        tile_one(target, place + j, stride, source, a, b + j, pitch, count)
+
+
+@kernel
+def forward_rows(
+    tree: Tree, work: Work, spans: IndexArray, spread: Array, space: Array, product: Array
+) -> None:
+    """Y = L^-1 H^T in place, the rows of the border H_b^T - A_bi A^-1 H^T; -Y^T Y, upper triangle.
+
+    A supernode's panel rows and its rows of Y are put side by side in `space`, where tiles find both.
+    """
     panels, rows, pitch = work.panels, spread.reshape(-1), spread.shape[1]
+    goal = product.reshape(-1)
+    product[:] = 0.0
+    coefficients = np.zeros(ROWS * ROWS)
     for s in range(len(tree.columns)):
         low, high = spans[s, 0], spans[s, 1]
         if low >= high:
             continue
-        low -= low % LANES
-        high += -high % LANES
-        spans[s, 0], spans[s, 1] = low, high
-        p = parent[s]
-        if p >= 0:
-            spans[p, 0], spans[p, 1] = min(spans[p, 0], low), max(spans[p, 1], high)
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
-        coupled, first, goal = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
+        coupled, first, place = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
+        count, length = own + (-own) % ROWS, high - low
+        line = width + length
+        for k in range(count):
+            for i in range(width):
+                space[k * line + i] = panels[begin + k * width + i]
+            for i in range(length):
+                space[k * line + width + i] = rows[(place + k) * pitch + low + i] if k < own else 0.0
+        for i in range(0, count, ROWS):
+            subtract_tiles(space, i * line + width, line, space, i, width, line, i, length)
+            for a in range(ROWS):
+                for b in range(a):
+                    coefficients[ROWS * a + b] = space[(i + b) * line + i + a]
+                coefficients[ROWS * a + a] = 1.0 / space[(i + a) * line + i + a]
+            solve_rows(space, i * line + width, line, coefficients, length)
         for k in range(own):
-            line, at = begin + k * width, (goal + k) * pitch
-            scale = 1.0 / panels[line + k]
-            for i in range(low, high):
-                rows[at + i] *= scale
-            for j in range(k + 1, own):
-                factor, to = panels[line + j], (goal + j) * pitch
-                for i in range(low, high):
-                    rows[to + i] -= factor * rows[at + i]
-        for j in range(coupled):
-            to, column = tree.row_index[first + j] * pitch, begin + later + j
-            k = 0
-            while k + 4 <= own:
-                a, at = column + k * width, (goal + k) * pitch
-                u0, u1 = panels[a], panels[a + width]
-                u2, u3 = panels[a + 2 * width], panels[a + 3 * width]
-                for i in range(low, high):
-                    rows[to + i] -= (
-                        u0 * rows[at + i]
-                        + u1 * rows[at + pitch + i]
-                        + u2 * rows[at + 2 * pitch + i]
-                        + u3 * rows[at + 3 * pitch + i]
-                    )
-                k += 4
-            while k < own:
-                factor, at = panels[column + k * width], (goal + k) * pitch
-                for i in range(low, high):
-                    rows[to + i] -= factor * rows[at + i]
-                k += 1
-
-
-@kernel
-def inner_products(tree: Tree, spans: IndexArray, spread: Array, product: Array) -> None:
-    """-Y^T Y, upper triangle, into `product` (padded rows, padded rows)."""
-    product[:] = 0.0
-    goal, rows, pitch = product.reshape(-1), spread.reshape(-1), spread.shape[1]
-    for s in range(len(tree.columns)):
-        low, high = spans[s, 0], spans[s, 1]
-        if low < high:
-            first, length = tree.first_column[s] * pitch + low, high - low
-            for i in range(0, length, ROWS):
-                subtract_products(
-                    goal, low * pitch + low, pitch, i, rows, first, pitch, tree.columns[s], length
-                )
+            for i in range(length):
+                rows[(place + k) * pitch + low + i] = space[k * line + width + i]
+        scratch = count * line
+        for j in range(0, coupled, ROWS):
+            for i in range(ROWS * length):
+                space[scratch + i] = 0.0
+            subtract_tiles(space, scratch, length, space, later + j, width, line, count, length)
+            for i in range(min(ROWS, coupled - j)):
+                to = tree.row_index[first + j + i] * pitch + low
+                add_to(rows, to, space, scratch + i * length, length)
+        for i in range(0, length, ROWS):
+            subtract_products(goal, low * pitch + low, pitch, i, space, width, line, count, length)
 
 
 @kernel
 def respond(
-    start: IndexArray, index: IndexArray, coefficient: Array, motion: Motion, border: Border, nodes: Nodes,
-    place: IndexArray, supernode: IndexArray, parent: IndexArray, tree: Tree, work: Work, spread: Array,
-    spans: IndexArray, product: Array,
+    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
+    border: Border, nodes: Nodes, unknown: IndexArray, supernode: IndexArray, parent: IndexArray, tree: Tree,
+    work: Work, spread: Array, spans: IndexArray, space: Array, product: Array, result: Array,
 ) -> None:  # fmt: skip
-    """H^T, Y and -Y^T Y of all rows; see the functions above."""
-    spread_rows(start, index, coefficient, motion, border, nodes, place, supernode, work, spread, spans)
-    forward_rows(tree, work, parent, spans, spread)
-    inner_products(tree, spans, spread, product)
+    """H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r); see the functions above."""
+    spread_rows(
+        start, place, coefficient, column, motion, border, nodes, unknown, supernode, tree, parent, work,
+        spread, spans,
+    )  # fmt: skip
+    forward_rows(tree, work, spans, spread, space, product)
+    for r in range(len(column)):
+        for q in range(r + 1):
+            value = -product[min(column[r], column[q]), max(column[r], column[q])]
+            result[r, q] = value
+            result[q, r] = value
 
 
 @kernel
 def apply_impulses(
     motion: Motion, before: Motion, impulses: Array, border_change: Array, h: float, border: Border,
-    nodes: Nodes, tree: Tree, work: Work, spread: Array,
+    nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
 ) -> float:  # fmt: skip
-    """Change velocities and positions by what impulses on the rows do; returns the largest speed, or NaN."""
+    """Change velocities and positions by what impulses (padded rows) do; returns the top speed, or NaN."""
     tail, size = 3 * len(nodes.free), len(border_change)
-    for f in range(len(nodes.free)):
-        for c in range(3):
-            total, u = 0.0, nodes.unknown[f] + c
-            for r in range(len(impulses)):
-                total += spread[u, r] * impulses[r]
-            work.panels[nodes.row[f] + c * nodes.stride[f] + nodes.right[f]] = total
+    rows, pitch = spread.reshape(-1), spread.shape[1]
+    for s in range(len(tree.columns)):
+        low, high = spans[s, 0], max(spans[s, 0], spans[s, 1])
+        width, right = tree.width[s], tree.later[s] + tree.side[s] - 1
+        for k in range(tree.columns[s]):
+            at = (tree.first_column[s] + k) * pitch + low
+            total = dot_product(rows, at, impulses, low, high - low) if low < high else 0.0
+            work.panels[tree.panel[s] + k * width + right] = total
     for b in range(size):
         work.solution[tail + b] = border_change[b]
     solve_backward(tree, work)

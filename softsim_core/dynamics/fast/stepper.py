@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.fast.compile import kernel
 from softsim_core.dynamics.fast.compliance import apply_impulses, respond
@@ -22,7 +22,7 @@ from softsim_core.dynamics.fast.factorisation import factor, solve_backward, sol
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
 from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
 from softsim_core.dynamics.fast.prepare import prepare, set_moduli
-from softsim_core.dynamics.fast.simd import LANES, steady_seconds
+from softsim_core.dynamics.fast.simd import LANES, ROWS, steady_seconds
 from softsim_core.dynamics.fast.tangent import assemble_tangent
 from softsim_core.dynamics.rows import Rows
 from softsim_core.dynamics.scipy_step import ScipyStepper
@@ -141,6 +141,9 @@ class NumbaStepper:
         self._spans = np.zeros((len(self._prepared.tree.columns), 2), dtype=np.int64)
         self._spread, self._border_answer = np.zeros((0, 0)), np.zeros((0, 0))
         self._schur = np.zeros((0, 0))
+        self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
+        self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # border unknowns come last
+        self._body_of_node[model.elements.nodes] = model.element_body[:, None]
 
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
@@ -164,7 +167,7 @@ class NumbaStepper:
         data, border_size = self._prepared, self.model.border_size
         result = self._respond(rows, _motion(before))
         if border_size:
-            solved, arriving = self._solved_border, self._arriving(rows.height)
+            solved, arriving = self._solved_border, self._arriving()
             schur = np.triu(data.work.schur[:, :border_size])
             self._schur = schur + np.triu(schur, 1).T
             self._border_answer = np.zeros_like(arriving)
@@ -179,13 +182,15 @@ class NumbaStepper:
         model, data, size = self.model, self._prepared, self.model.border_size
         change = self._border_answer @ impulses if size else np.zeros(0)
         free = state.joint_positions.copy()
+        placed = np.zeros(self._spread.shape[1])
+        placed[self._column] = impulses
         speed = apply_impulses(
-            _motion(state), _motion(before), impulses, change, model.dt, data.border, data.nodes, data.tree,
-            data.work, self._spread,
+            _motion(state), _motion(before), placed, change, model.dt, data.border, data.nodes, data.tree,
+            data.work, self._spread, self._spans,
         )  # fmt: skip
         if len(free):
             first, held = size - len(free), self._prescribed
-            arriving = self._arriving(len(impulses)) @ impulses
+            arriving = self._arriving() @ impulses
             reaction = (self._schur @ change - arriving)[first:] / model.dt
             state.joint_efforts[held] += reaction[held]
             state.joint_efforts -= data.border.stiffness * (state.joint_positions - free)
@@ -226,7 +231,7 @@ class NumbaStepper:
                 if not rows.height:
                     return stiffness, np.zeros((len(stiffness), 0)), np.zeros((0, 0))
                 compliance = self._respond(rows, motion)
-                return stiffness, self._arriving(rows.height).copy(), compliance
+                return stiffness, self._arriving(), compliance
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
         return ScipyStepper(model).border_response(state, parameters, forces, rows)
 
@@ -234,18 +239,43 @@ class NumbaStepper:
         """H A^-1 H^T with the border held, (r, r); leaves Y and what reaches the border in self._spread."""
         data = self._prepared
         padded = rows.height + (-rows.height) % LANES
-        self._spread = np.empty((len(data.work.solution), padded))
-        product = np.empty((padded, padded))
+        unknowns, lines = len(data.work.solution), int(data.tree.columns.max(initial=0)) + 2 * ROWS
+        self._spread, space, product = self._rooms(
+            (unknowns, padded),
+            (lines * (int(data.tree.width.max(initial=0)) + padded),),
+            (padded, padded),
+        )
+        self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         respond(
-            *rows, motion, data.border, data.nodes, data.place, data.supernode, data.parent, data.tree,
-            data.work, self._spread, self._spans, product,
+            *rows, self._column, motion, data.border, data.nodes, data.place, data.supernode, data.parent,
+            data.tree, data.work, self._spread, self._spans, space, product, result,
         )  # fmt: skip
-        upper = np.triu(product[: rows.height, : rows.height])
-        return np.asarray(-(upper + np.triu(upper, 1).T))
+        return result
 
-    def _arriving(self, rows: int) -> Array:
+    def _columns(self, rows: Rows) -> IndexArray:
+        """Where each row stands: rows of one body side by side, so that supernodes meet few of them."""
+        body = np.zeros(rows.height, dtype=np.int64)
+        if len(rows.place):
+            first = rows.place[np.minimum(rows.start[:-1], len(rows.place) - 1)]
+            body = self._body_of_node[np.minimum(first, len(self._body_of_node) - 1)]
+        column = np.empty(rows.height, dtype=np.int64)
+        column[np.argsort(body, kind="stable")] = np.arange(rows.height)
+        return column
+
+    def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
+        """Arrays to work in, uninitialised; they are kept for the next call, and grow."""
+        sizes = [int(np.prod(shape)) for shape in shapes]
+        if sum(sizes) > len(self._room):
+            self._room = np.empty(2 * sum(sizes))
+        ends = np.cumsum(sizes)
+        return [
+            self._room[end - size : end].reshape(shape)
+            for end, size, shape in zip(ends, sizes, shapes, strict=True)
+        ]
+
+    def _arriving(self) -> Array:
         """What a unit of each row's force brings to the border, shape (b, rows)."""
-        return self._spread[len(self._spread) - self.model.border_size :, :rows]
+        return np.asarray(self._spread[len(self._spread) - self.model.border_size :, self._column])
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
         """Take over tunable parameters when they have changed."""
