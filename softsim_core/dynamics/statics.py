@@ -316,7 +316,8 @@ class _Problem:
         return float(np.nan_to_num(np.abs(step * self.lever), nan=np.inf).max(initial=0.0))
 
     def _unbalanced(self, residual: Array) -> float:
-        return float(np.abs(residual / self.lever)[self.at.solved].max(initial=0.0))
+        solved = self.at.solved
+        return float(np.abs(residual[solved] / self.lever[solved]).max(initial=0.0))
 
     def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
         return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))

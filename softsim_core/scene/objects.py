@@ -173,7 +173,7 @@ class ContactSettings:
     contact_distance: float = 0.001
     friction: float = 0.5
     iterations: int = 1000
-    tolerance: float = 1.0e-9
+    tolerance: float = 1.0e-8
 
     def __post_init__(self) -> None:
         need_positive("contact", "tolerance", self.tolerance, "m")
