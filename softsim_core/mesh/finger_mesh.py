@@ -45,7 +45,7 @@ TIP_RADIUS = HEIGHT - SPINE
 LENGTH = TONGUE + BLOCKS * PLATEAU + (2 * BLOCKS - 1) * SLANT + TIP_RADIUS
 """Length in [m]: 103.366 mm."""
 WALL_KNEE = 0.4
-"""Share of a notch wall's height with a row of nodes on every level: boxes of collision surfaces begin there."""
+"""Share of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
 
 LEVELS: dict[str, int] = {"low": 1, "mid": 2}
 """Name of a level: elements through the spine."""

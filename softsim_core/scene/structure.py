@@ -13,7 +13,7 @@ import numbers
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +22,8 @@ import numpy as np
 from softsim_core.errors import ConfigError, SceneError, listing
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.description import Controller, SceneDescription
-from softsim_core.scene.values import FieldError, MeshFile
+from softsim_core.scene.objects import CableDescription
+from softsim_core.scene.values import FieldError, MeshFile, Vector
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 
 Hook = Callable[[Any, Any], Any]
@@ -269,7 +270,12 @@ def _converter() -> Any:
                     near = difflib.get_close_matches(str(key), known, n=1)
                     hint = f"did you mean {near[0]}? " if near else ""
                     raise _RefusedError(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
-            return _located(build(value, cls), value) if cls is MeshFile else build(value, cls)
+            built = build(value, cls)
+            if cls is MeshFile:
+                return replace(built, file=_located(built.file, "file", value, "mesh file"))
+            if cls is CableDescription and isinstance(built.points, Path):
+                return replace(built, points=_located(built.points, "points", value, "file of cable points"))
+            return built
 
         return structure
 
@@ -284,7 +290,13 @@ def _converter() -> Any:
     def mesh_or_file(value: Any, _: Any) -> Any:
         return value if isinstance(value, TetMesh) else converter.structure(value, MeshFile)
 
+    def points_or_file(value: Any, _: Any) -> Any:
+        return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
+
     converter.register_structure_hook_func(lambda t: _members(t) == {MeshFile, TetMesh}, mesh_or_file)
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {tuple[Vector, ...], Path}, points_or_file
+    )
     return converter
 
 
@@ -302,14 +314,11 @@ def _noun(item_type: Any) -> str:
     return "numbers" if item_type in (float, int) else "items"
 
 
-def _located(mesh: MeshFile, data: Mapping[str, Any]) -> MeshFile:
-    origin = data.file_of("file") if isinstance(data, SourcedMapping) else None
-    file = relative_to_file(mesh.file, origin)
+def _located(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
+    """Absolute path of an existing file that `key` of a mapping names."""
+    origin = data.file_of(key) if isinstance(data, SourcedMapping) else None
+    file = relative_to_file(path, origin)
     if not file.is_file():
-        note = (
-            ""
-            if mesh.file.is_absolute()
-            else f" ({mesh.file} is relative to {origin or 'the working directory'})"
-        )
-        raise _RefusedError(f"no such mesh file {file}{note}", ("file",))
-    return MeshFile(file=file, placement=mesh.placement)
+        note = "" if path.is_absolute() else f" ({path} is relative to {origin or 'the working directory'})"
+        raise _RefusedError(f"no such {what} {file}{note}", (key,))
+    return file
