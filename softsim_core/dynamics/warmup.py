@@ -13,23 +13,30 @@ from softsim_core.scene.description import (
     MaterialDescription,
     SceneDescription,
 )
-from softsim_core.scene.values import Box
+from softsim_core.scene.objects import CableDescription, CollisionDescription, RigidBodyDescription, Shape
+from softsim_core.scene.values import Box, Placement
 
 
 def small_scene() -> SceneDescription:
-    """A small beam with a held end, a joint and a free frame: it runs every kernel."""
+    """A small beam with a held end, a joint, a free frame, a cable and a ball on it: it runs every kernel."""
     beam = BodyDescription(
         name="beam",
         mesh=box_mesh((0.04, 0.01, 0.01), (8, 2, 2)),
         material=MaterialDescription(young_modulus=1e5, poisson_ratio=0.3),
         total_mass=0.004,
     )
+    cable = CableDescription(body="beam", points=((0.01, 0.005, 0.005), (0.03, 0.005, 0.005)))
+    ball = RigidBodyDescription(
+        name="ball", shape=Shape(sphere=0.005), mass=0.001, pose=Placement(translation=(0.01, 0.005, 0.0165))
+    )
     size = (0.004, 0.1, 0.1)
     targets = (("held", "world", 0.0), ("driven", "servo", 0.04), ("middle", "free", 0.02))
     return SceneDescription(
         name="warmup",
         bodies=(beam,),
-        joints=(JointDescription(name="servo"),),
+        joints=(JointDescription(name="servo"), JointDescription(name="cable", kind="cable", cable=cable)),
+        rigid_bodies=(ball,),
+        collisions=tuple(CollisionDescription(name=name, body=name) for name in ("beam", "ball")),
         attachments=tuple(
             AttachmentDescription(name=name, body="beam", to=to, box=Box(center=(x, 0.0, 0.0), size=size))
             for name, to, x in targets
