@@ -22,10 +22,17 @@ from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.replay_source import Event
 from softsim_ros.recording.selection import SHARED
 from softsim_ros.runtime import ClosableNode, declare_number
+from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "replay"
 DISCOVERY_S = 1.5
 """Time to hear of other nodes before anything is said about them, in [s]."""
+
+STATE_TOPICS = ("joint_states", "effector_pose", "mesh/points")
+"""Topics that only one node may publish: a simulator, or a replay of everything."""
+
+RIVAL_PERIOD_S = 0.5
+"""While a bag plays, nodes that publish the same topics are looked for this often, in [s]."""
 
 LISTENER_DEADLINE_S = 15.0
 LOOK_PERIOD_S = 0.05
@@ -62,6 +69,7 @@ class Replay(ClosableNode):
         self._bag, self._commands_only = bag, commands_only
         self._since_ns = bag.begin_ns + round(1e9 * start_s)
         self._playhead = ReplayClock(time.monotonic())
+        self._serves, self._looks = RateGate(LOOK_PERIOD_S), RateGate(RIVAL_PERIOD_S)
         self.sent = 0
         try:
             self._topics = replay_source.command_topics(bag) if commands_only else list(bag.topics)
@@ -100,8 +108,7 @@ class Replay(ClosableNode):
             RecordingError: another node publishes the same topics, or nobody takes the commands.
         """
         self._serve(executor, DISCOVERY_S)
-        if not self._commands_only:
-            self._refuse_rivals()
+        self._refuse_rivals()
         for topic in self._topics:
             qos = publisher_qos(self._bag.offered_qos(topic))
             self._senders[topic] = self.create_publisher(self._types[topic], self.target(topic), qos)
@@ -119,22 +126,30 @@ class Replay(ClosableNode):
             )
 
     def play(self, executor: Executor) -> None:
-        """Send everything once, from the start; returns early where the context shuts down."""
+        """Send everything once, from the start; returns early where the context shuts down.
+
+        Raises:
+            RecordingError: another node has begun to publish the same topics.
+        """
         self._playhead.seek(0.0, time.monotonic())
-        served = time.monotonic()
         for event in self._events():
-            position = 1e-9 * (event.stamp_ns - self._since_ns)
-            while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0:
-                executor.spin_once(timeout_sec=min(wait, LOOK_PERIOD_S))
-                served = time.monotonic()
-                if not executor.context.ok():
-                    return
-            if time.monotonic() - served > LOOK_PERIOD_S:
-                executor.spin_once(timeout_sec=0.0)
-                served = time.monotonic()
+            if not self._wait_for(1e-9 * (event.stamp_ns - self._since_ns), executor):
+                return
             self._send(event, executor)
         for publisher in self._senders.values():
             publisher.wait_for_all_acked(Duration(seconds=5))
+
+    def _wait_for(self, position: float, executor: Executor) -> bool:
+        """Serve callbacks until a bag time comes; False where the context has shut down."""
+        while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
+            time.monotonic()
+        ):
+            executor.spin_once(timeout_sec=min(max(wait, 0.0), LOOK_PERIOD_S))
+            if not executor.context.ok():
+                return False
+            if self._looks.passes(time.monotonic()):
+                self._refuse_rivals()
+        return True
 
     def _events(self) -> Iterator[Event]:
         if self._commands_only:
@@ -165,9 +180,12 @@ class Replay(ClosableNode):
         return True
 
     def _refuse_rivals(self) -> None:
-        for topic in self._topics:
+        """Raise RecordingError where a whole replay and another node both say how the robot stands."""
+        if self._commands_only:
+            return
+        for topic in map(self._bag.topic, STATE_TOPICS):
             target = self.target(topic)
-            if topic not in SHARED and self.count_publishers(target) > 0:
+            if self.count_publishers(target) > (topic in self._senders):
                 raise RecordingError(
                     f"{target} is published by another node; end that one, replay elsewhere (--namespace "
                     f"{self.get_namespace().strip('/')}_replay), or only the commands (--commands)"

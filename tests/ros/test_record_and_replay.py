@@ -129,7 +129,7 @@ def latched_shift() -> tuple[Any, str, Any]:
 def test_a_whole_replay_gives_way_to_a_simulator(
     session: tuple[Path, list[bytes]], running_tripod: Any, start_process: Callable[..., Any]
 ) -> None:
-    replay = start_process(CLI, "replay", str(session[0]))
+    replay = start_process(CLI, "replay", str(session[0]), "--loop")  # until it has heard the simulator
     assert replay.process.wait(READY_S) == 1
     assert "is published by another node; end that one" in replay.output
 
