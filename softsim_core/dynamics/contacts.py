@@ -125,8 +125,7 @@ class Contacts:
         """What touches in a step from `before` that moves freely to `free`."""
         points, moved = self.points(model, before), self.points(model, free)
         moved -= points
-        fastest = float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0)))
-        near = self.near(points, self.settings.alarm_distance + 2.0 * fastest)
+        near = self.near(points, self.settings.alarm_distance + 2.0 * self._farthest(moved, model, before))
         directions = _directions(near.normal)
         slip = np.einsum("kc,kci->ki", near.a_weights, moved[near.a])
         slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
@@ -137,6 +136,15 @@ class Contacts:
         rows, on_rigid = self._rows(near, directions, points, model, before)
         keys = (near.key % KEYS).astype(float)
         return Touching(rows, on_rigid, gap.ravel(), directions, 0.5 * middle, near.pair, keys)
+
+    def _farthest(self, moved: Array, model: Model, before: State) -> float:
+        """How far a vertex may move in the step, in [m].
+
+        Soft vertices by their velocity at its start: in free motion cables let go, and everything flies.
+        """
+        likely = moved.copy()
+        likely[self._soft] = np.einsum("vk,vki->vi", self._weights, before.velocities[self._nodes]) * model.dt
+        return float(np.sqrt((likely**2).sum(axis=1).max(initial=0.0)))
 
     def _rows(
         self, near: Proximities, directions: Array, points: Array, model: Model, state: State
