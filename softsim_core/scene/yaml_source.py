@@ -111,6 +111,8 @@ class _Reader:
                     merged = SourcedMapping({**source, **merged}, self._file)  # the first of a list wins
                 continue
             key = self.value(key_node, path) if isinstance(key_node, self._yaml.ScalarNode) else None
+            if isinstance(key, bool):  # YAML 1.1 reads the bare words on, off, yes, no as truth values
+                key = key_node.value
             line = key_node.start_mark.line + 1
             if not isinstance(key, str):
                 text = getattr(key_node, "value", "it")

@@ -187,7 +187,7 @@ def test_mistakes_deep_inside(write: Write, old: str, new: str, key: str, words:
         ("name: a\nname: b\n", "name", ["twice", "line 2"]),
         ("name: a\nsolver: {backend: auto, backend: numba}\n", "solver.backend", ["twice"]),
         ("name: a\n1: b\n", "", ["'1'", "quote"]),
-        ("name: a\nkeys: {on: {help: x}}\n", "keys", ["'on'", "True", "quote"]),
+        ("name: a\nkeys: {on: {help: x}}\n", "keys.on", ["exactly one of"]),  # the bare word is a key
         ("name: [a\n", "line 2, column 1", ["YAML syntax"]),
         ("name: 'a\n", "line 2, column 1", ["YAML syntax"]),
         ("name: !!python/object:os.system {}\n", "name", ["tag", "not allowed"]),
