@@ -21,6 +21,7 @@ from softsim_core.scene.description import (
     SolverSettings,
     StartAnimation,
 )
+from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription
 from softsim_core.scene.values import Vector
 
 if TYPE_CHECKING:
@@ -28,16 +29,21 @@ if TYPE_CHECKING:
 
 StepCallback: TypeAlias = "Callable[[Simulation], None]"
 KeyCallback: TypeAlias = "Callable[[Simulation, str], None]"
-Item: TypeAlias = "BodyDescription | JointDescription | AttachmentDescription | Controller | Part"
+Item: TypeAlias = (
+    "BodyDescription | JointDescription | AttachmentDescription | RigidBodyDescription"
+    " | CollisionDescription | Controller | Part"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What a part adds to a scene: bodies, joints, attachments, controllers, possibly the end effector."""
+    """What a part adds to a scene: bodies, joints, surfaces that touch, possibly the end effector."""
 
     bodies: tuple[BodyDescription, ...] = ()
     joints: tuple[JointDescription, ...] = ()
     attachments: tuple[AttachmentDescription, ...] = ()
+    rigid_bodies: tuple[RigidBodyDescription, ...] = ()
+    collisions: tuple[CollisionDescription, ...] = ()
     controllers: tuple[Controller, ...] = ()
     effector: str | None = None
 
@@ -56,6 +62,9 @@ class Scene:
     bodies: list[BodyDescription] = field(default_factory=list)
     joints: list[JointDescription] = field(default_factory=list)
     attachments: list[AttachmentDescription] = field(default_factory=list)
+    rigid_bodies: list[RigidBodyDescription] = field(default_factory=list)
+    collisions: list[CollisionDescription] = field(default_factory=list)
+    contact: ContactSettings = field(default_factory=ContactSettings)
     effector: str | None = None
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
     commands: CommandSettings = field(default_factory=CommandSettings)
@@ -66,7 +75,7 @@ class Scene:
     controllers: list[Controller] = field(default_factory=list)
 
     def add(self, item: Item | Iterable[Item]) -> None:
-        """Add a part, a body, a joint, an attachment, a controller, or several of them.
+        """Add a part, a body, a joint, an attachment, a collision surface, a controller, or several of them.
 
         Raises:
             SceneError: something else is given, or a second part brings an end effector.
@@ -77,6 +86,10 @@ class Scene:
             self.joints.append(item)
         elif isinstance(item, AttachmentDescription):
             self.attachments.append(item)
+        elif isinstance(item, RigidBodyDescription):
+            self.rigid_bodies.append(item)
+        elif isinstance(item, CollisionDescription):
+            self.collisions.append(item)
         elif isinstance(item, Controller):
             self.controllers.append(item)
         elif isinstance(item, Part):
@@ -97,6 +110,8 @@ class Scene:
         self.bodies += part.bodies
         self.joints += part.joints
         self.attachments += part.attachments
+        self.rigid_bodies += part.rigid_bodies
+        self.collisions += part.collisions
         self.controllers += part.controllers
         self.effector = part.effector or self.effector
 
@@ -139,6 +154,9 @@ class Scene:
             bodies=tuple(self.bodies),
             joints=tuple(self.joints),
             attachments=tuple(self.attachments),
+            rigid_bodies=tuple(self.rigid_bodies),
+            collisions=tuple(self.collisions),
+            contact=self.contact,
             effector=self.effector,
             poses={name: tuple(values) for name, values in self.poses.items()},
             commands=self.commands,
