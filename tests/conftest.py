@@ -20,7 +20,7 @@ PROCESSES = ("ros", "bridge", "viewer", "recording", "firmware", "tutorials")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """In CI, a test of several processes that fails runs once more: a shared machine may pause any of them."""
+    """In CI, a failed test of several processes runs once more: a shared machine may pause any of them."""
     if os.environ.get("CI") and find_spec("pytest_rerunfailures"):
         for item in items:
             if item.path.relative_to(REPOSITORY / "tests").parts[0] in PROCESSES:
