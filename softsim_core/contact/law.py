@@ -1,0 +1,71 @@
+"""The law of contacts and bounded rows: bringing forces into it, and how far they are from it."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from softsim_core.arrays import Array
+from softsim_core.contact.compile import kernel
+
+
+@kernel
+def into_bounds(lower: Array, upper: Array, friction: float, forces: Array) -> None:
+    """Bring forces into their bounds and cones."""
+    bounded = lower.shape[0]
+    for i in range(bounded):
+        forces[i] = min(max(forces[i], lower[i]), upper[i])
+    for i in range(bounded, forces.shape[0], 3):
+        forces[i] = max(0.0, forces[i])
+        size, limit = sqrt(forces[i + 1] ** 2 + forces[i + 2] ** 2), friction * forces[i]
+        if size > limit:
+            forces[i + 1] *= limit / size
+            forces[i + 2] *= limit / size
+
+
+@kernel
+def moved_friction(
+    i: int, friction: float, compliance: Array, forces: Array, state: Array
+) -> tuple[float, float]:
+    """Tangential force of the contact of rows i, moved against the slip and brought back into the cone."""
+    stiff = largest_tangential(i, compliance)
+    if stiff <= 0.0 or friction == 0.0:
+        return 0.0, 0.0
+    u, v = forces[i + 1] - state[i + 1] / stiff, forces[i + 2] - state[i + 2] / stiff
+    size, limit = sqrt(u * u + v * v), friction * forces[i]
+    if size > limit:
+        return u * limit / size, v * limit / size
+    return u, v
+
+
+@kernel
+def largest_tangential(i: int, compliance: Array) -> float:
+    """Largest compliance in [m/N] of the contact of rows i along a tangent."""
+    a, b, c = compliance[i + 1, i + 1], compliance[i + 1, i + 2], compliance[i + 2, i + 2]
+    return float(0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b))
+
+
+@kernel
+def violation(
+    compliance: Array, state: Array, lower: Array, upper: Array, friction: float, forces: Array
+) -> tuple[float, float]:
+    """How far admissible forces are from the law at gaps `state`: largest [m], sum of squares [m^2].
+
+    A force is moved by its gap over its own compliance and brought back into its bounds or cone; what then
+    differs from the force, times that compliance, is the violation (natural map).
+    """
+    largest, squares, bounded = 0.0, 0.0, lower.shape[0]
+    for i in range(bounded):
+        stiff = compliance[i, i]
+        if stiff > 0.0:
+            moved = min(max(forces[i] - state[i] / stiff, lower[i]), upper[i])
+            off = abs(moved - forces[i]) * stiff
+            largest, squares = max(largest, off), squares + off * off
+    for i in range(bounded, forces.shape[0], 3):
+        off = abs(min(forces[i] * compliance[i, i], state[i]))
+        largest, squares = max(largest, off), squares + off * off
+        if forces[i] > 0.0:
+            u, v = moved_friction(i, friction, compliance, forces, state)
+            du, dv = u - forces[i + 1], v - forces[i + 2]
+            off = sqrt(du * du + dv * dv) * largest_tangential(i, compliance)
+            largest, squares = max(largest, off), squares + off * off
+    return largest, squares
