@@ -113,7 +113,7 @@ class InverseController:
         self.scene = scene
         self.settings = scene.inverse if settings is None else settings
         bodies = tuple(replace(body, surface=None) for body in scene.bodies)
-        self.model = Simulation(replace(scene, bodies=bodies, controllers=(), start=None), backend)
+        self.model = Simulation(replace(scene.robot_alone(), bodies=bodies), backend)
         self.model.enforce_limits = False  # this class keeps them
         self.limits = Limits.of(scene, self.settings, scene.dt)
         self._posture = self._posture_from(self.model.joint_targets)

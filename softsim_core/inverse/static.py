@@ -103,7 +103,7 @@ def solve_pose(
         NotConvergedError: the start has no equilibrium.
     """
     if isinstance(model, SceneDescription):
-        simulation = Simulation(replace(model, controllers=(), start=None))
+        simulation = Simulation(model.robot_alone())
         simulation.settle(start_joints(model), start_shift(model))
     else:
         simulation = model

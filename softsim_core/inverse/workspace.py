@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -115,7 +115,7 @@ def sample_workspace(
     """
     shift = start_shift(scene) if base_shift is None else base_shift
     targets = _in_short_steps(_spread(scene, samples), start_joints(scene))
-    simulation = Simulation(replace(scene, controllers=(), start=None))
+    simulation = Simulation(scene.robot_alone())
     rows: list[tuple[Array, ...]] = []
     failed: list[Array] = []
     for done, joints in enumerate(targets, start=1):

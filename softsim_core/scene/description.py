@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -431,6 +431,10 @@ class SceneDescription:
     def body_names(self) -> tuple[str, ...]:
         """Names of the deformable bodies, then of the rigid ones."""
         return (*(body.name for body in self.bodies), *(body.name for body in self.rigid_bodies))
+
+    def robot_alone(self) -> SceneDescription:
+        """The scene without what it touches, without user code and start move: a model to plan with."""
+        return replace(self, rigid_bodies=(), collisions=(), controllers=(), start=None)
 
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
