@@ -12,6 +12,7 @@ from softsim_core.contact.rows import MOST_ENTRIES, Carried, contact_rows
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model, Screws
+from softsim_core.mechanics.pose import rotation_log
 from softsim_core.mechanics.state import MEMORY, State
 from softsim_core.scene.objects import ContactSettings
 
@@ -104,6 +105,7 @@ class Contacts:
         self._soft = np.flatnonzero(weights.any(axis=1))
         self._nodes, self._weights = nodes[self._soft], weights[self._soft]
         self._carried = _carried(surfaces, nodes, weights, carriers, model)
+        self._spheres = tuple(each for each in carriers if self._carried.radius[each.vertices].any())
         self._moving = any(carrier.frame >= 0 or carrier.joint >= 0 for carrier in carriers)
         start = self.points(model, model.rest_state())
         self._detector = Detector(surfaces, start, settings)
@@ -129,6 +131,9 @@ class Contacts:
         directions = _directions(near.normal)
         slip = np.einsum("kc,kci->ki", near.a_weights, moved[near.a])
         slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
+        if self._spheres:
+            rolled = self._rolled(model, before, free)
+            slip -= np.cross(rolled[near.a[:, 0]] + rolled[near.b[:, 0]], near.normal)
         gap = np.einsum("kdi,ki->kd", directions, slip)
         gap[:, 0] += near.distance - self.settings.contact_distance
         middle = np.einsum("kc,kci->ki", near.a_weights, points[near.a])
@@ -145,6 +150,17 @@ class Contacts:
         likely = moved.copy()
         likely[self._soft] = np.einsum("vk,vki->vi", self._weights, before.velocities[self._nodes]) * model.dt
         return float(np.sqrt((likely**2).sum(axis=1).max(initial=0.0)))
+
+    def _rolled(self, model: Model, before: State, free: State) -> Array:
+        """Radius times rotation vector of each sphere within the step in [m], zeros elsewhere, (v, 3)."""
+        rolled = np.zeros((len(self._carried.radius), 3))
+        for carrier in self._spheres:
+            if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn a step
+                turn = model.dt * free.rigid_velocities[carrier.rigid, 3:]
+            else:
+                turn = rotation_log(_pose(carrier, model, free)[1] @ _pose(carrier, model, before)[1].T)
+            rolled[carrier.vertices] = self._carried.radius[carrier.vertices][:, None] * turn
+        return rolled
 
     def _rows(
         self, near: Proximities, directions: Array, points: Array, model: Model, state: State
