@@ -72,7 +72,7 @@ class ConstrainedStepper:
         if model.rigid.names:
             model.rigid.predict(state, model.gravity, h)
             model.rigid.advance(state, before, h)
-            speed = max(speed, float(np.abs(state.rigid_velocities[:, :3]).max()))  # max keeps NaN below
+            speed = float(np.max([speed, np.abs(state.rigid_velocities).max()]))  # keeps NaN
         if not np.isfinite(speed):
             return speed
         moved = perf_counter()
@@ -132,6 +132,7 @@ class ConstrainedStepper:
         if len(model.rigid.names):
             state.rigid_velocities += (h * (forces @ moves)).reshape(-1, 6)
             model.rigid.advance(state, before, h)
+            speed = float(np.max([speed, np.abs(state.rigid_velocities).max()]))
         if self._cables is not None:
             self._cables.report(model, state, forces[:cables])
         if touching is not None and len(touching):

@@ -123,7 +123,7 @@ class Simulation:
     def _refuse_step(self) -> None:
         """Go back to the last good state and say where it went wrong."""
         speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
-        worst = int(np.argmax(speed))
+        worst = int(np.argmax(speed)) if len(speed) else 0
         self._state.copy_from(self._last_good)
         self._drive.positions = self._state.joint_positions.copy()
         raise SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
@@ -267,6 +267,7 @@ class Simulation:
         self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass = numbers[1:].tolist()
         self._steps = int(numbers[0])
         self._drive.restore(*drive)
+        self._forget_contacts()
 
     def reset(self) -> None:
         """Back to the start of the scene, with the parameters as they are tuned now."""
@@ -274,6 +275,12 @@ class Simulation:
         self._drive.reset()
         self._steps = 0
         self.forces[:] = 0.0
+        self._forget_contacts()
+
+    def _forget_contacts(self) -> None:
+        """What touched before a jump of the state is no news any more."""
+        if isinstance(self._stepper, ConstrainedStepper):
+            self._stepper.report = NOTHING
 
     def equilibrium(
         self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
