@@ -20,6 +20,7 @@ from visualization_msgs.msg import Marker
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate
 from softsim_ros.simulator.structure import StructurePublications
 
@@ -83,6 +84,7 @@ class Publications:
         self._tf: Any | None = None
         self._create_tf(node)
         self._structure = StructurePublications(node)
+        self._objects = ObjectPublications(node)
         self.show_scene(simulation)
 
     def show_scene(self, simulation: Simulation) -> None:
@@ -91,6 +93,7 @@ class Publications:
         points, triangles = simulation.visual_rest_points, simulation.visual_triangles
         self._topology.publish(messages.topology(points, triangles))
         self._structure.show_scene(simulation)
+        self._objects.show_scene(simulation)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 
     @property
@@ -150,6 +153,7 @@ class Publications:
         if self._tf is not None and (self._tf_gate.passes(now) or whole):
             self._publish_tf(simulation, stamp)
         self._structure.publish(simulation, stamp, now, whole)
+        self._objects.publish(simulation, stamp, now, whole)
         points_due = self._mesh_gate is not None and _is_due(self._points, self._mesh_gate, now, whole)
         marker_due = self._template is not None and _is_due(self._marker, self._marker_gate, now, whole)
         if points_due or marker_due:

@@ -37,6 +37,7 @@ from softsim_ros.simulator.parameters import (
 )
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
+from softsim_ros.simulator.pulls import Pulls
 from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.snapshot_file import read_snapshot, write_snapshot
 from softsim_ros.simulator.stage_statistics import stage_statistics
@@ -112,6 +113,7 @@ class Simulator(ClosableNode):
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        self._pulls = Pulls(self, self._physics, self._warn_refused)
         for name, action in (
             ("reset", self._reset),
             ("step", self._step),

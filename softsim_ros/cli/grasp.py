@@ -1,0 +1,195 @@
+"""The grasp as a plan and what it must reach: commands go out on topics, poses come in on topics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Pose, PoseArray
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import MarkerArray
+
+from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import rotation_of
+from softsim_ros.runtime import ClosableNode
+
+LOWERED, LIFTED, CLOSED = -0.050, -0.020, 0.012
+"""Where the slide goes to grasp and to hold, and how far the cables are pulled, in [m]."""
+
+NEEDED_LIFT, ALLOWED_SLIP = 0.020, 0.002
+"""Least clearance between cube and floor and largest slip of the cube while it is held, in [m]."""
+
+NEEDED_HOLD_S = 5.0
+"""How long the cube is held at least, in [s]."""
+
+CUBE, FLOOR = "cube", "floor"
+SETTLE_S = 0.5
+"""The hold is measured from this time after the lift, in [s]."""
+
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class WayPoint(NamedTuple):
+    """Where the gripper is, and when: `time_s` after the start, pull of all cables and height in [m]."""
+
+    phase: str
+    time_s: float
+    pull: float
+    height: float
+
+
+PLAN = (
+    WayPoint("wait", 0.5, 0.0, 0.0),
+    WayPoint("lower", 2.0, 0.0, LOWERED),
+    WayPoint("close", 3.0, CLOSED, LOWERED),
+    WayPoint("squeeze", 3.5, CLOSED, LOWERED),
+    WayPoint("lift", 4.5, CLOSED, LIFTED),
+    WayPoint("hold", 10.5, CLOSED, LIFTED),
+    WayPoint("put down", 12.0, CLOSED, LOWERED),
+    WayPoint("open", 13.0, 0.0, LOWERED),
+    WayPoint("leave", 14.5, 0.0, 0.0),
+    WayPoint("rest", 15.0, 0.0, 0.0),
+)
+
+
+class Sample(NamedTuple):
+    """The cube at one time: time in [s], centre in [m] (3,), clearance of its lowest corner in [m]."""
+
+    time_s: float
+    centre: Array
+    clearance: float
+
+
+@dataclass(frozen=True)
+class GraspResult:
+    """What was measured.
+
+    Attributes:
+        lift: Least clearance between cube and floor during the hold in [m].
+        slip: Largest motion of the cube's centre during the hold in [m].
+        held: How long the hold was measured in [s].
+        returned: Clearance at the end in [m].
+        tension: Largest tension of a cable in [N].
+    """
+
+    lift: float
+    slip: float
+    held: float
+    returned: float
+    tension: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the cube was lifted, held and put down as wanted."""
+        return bool(
+            self.lift >= NEEDED_LIFT
+            and self.slip <= ALLOWED_SLIP
+            and self.held >= NEEDED_HOLD_S
+            and self.returned < NEEDED_LIFT / 10.0
+        )
+
+
+class Grasp(ClosableNode):
+    """Sends the plan once and records what the topics tell about the cube.
+
+    Args:
+        namespace: Namespace of the gripper's simulator.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__("grasp", namespace=namespace)
+        self.samples: list[Sample] = []
+        self.tension = 0.0
+        self.began: float | None = None
+        self._shapes: dict[str, tuple[int, Array]] = {}
+        self._names: list[str] = []
+        self._trajectories = self.create_publisher(JointTrajectory, "joint_trajectory", 1)
+        self.create_subscription(MarkerArray, "bodies/topology", self._on_topology, _LATCHED)
+        self.create_subscription(PoseArray, "bodies/poses", self._on_poses, 10)
+        self.create_subscription(JointState, "joint_states", self._on_joints, 10)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the simulator is heard and hears."""
+        heard = bool(self.samples) and bool(self._names)
+        return heard and self._trajectories.get_subscription_count() > 0
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds since the plan was sent."""
+        return self.samples[-1].time_s - self.began if self.began is not None else 0.0
+
+    @property
+    def phase(self) -> str:
+        """What the gripper does now."""
+        return next((point.phase for point in PLAN if self.elapsed < point.time_s), "done")
+
+    def begin(self) -> None:
+        """Send the plan: one trajectory of all joints."""
+        message = JointTrajectory(joint_names=self._names)
+        message.points = [
+            JointTrajectoryPoint(
+                positions=[_target(name, point) for name in self._names],
+                time_from_start=Duration(
+                    sec=int(point.time_s), nanosec=round(1e9 * (point.time_s - int(point.time_s)))
+                ),
+            )
+            for point in PLAN
+        ]
+        self.began = self.samples[-1].time_s
+        self._trajectories.publish(message)
+
+    def result(self) -> GraspResult:
+        """What was measured until now."""
+        began = self.began or 0.0
+        lifted, held = (
+            next(point.time_s for point in PLAN if point.phase == phase) for phase in ("lift", "hold")
+        )
+        hold = [each for each in self.samples if lifted + SETTLE_S <= each.time_s - began <= held]
+        if not hold:
+            return GraspResult(0.0, np.inf, 0.0, np.inf, self.tension)
+        return GraspResult(
+            lift=min(each.clearance for each in hold),
+            slip=max(float(np.linalg.norm(each.centre - hold[0].centre)) for each in hold),
+            held=hold[-1].time_s - hold[0].time_s,
+            returned=self.samples[-1].clearance,
+            tension=self.tension,
+        )
+
+    def _on_topology(self, message: MarkerArray) -> None:
+        self._shapes = {
+            marker.ns: (number, np.array([[point.x, point.y, point.z] for point in marker.points]))
+            for number, marker in enumerate(message.markers)
+        }
+
+    def _on_poses(self, message: PoseArray) -> None:
+        if CUBE not in self._shapes or FLOOR not in self._shapes:
+            return
+        time_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        cube, floor = (_placed(*self._shapes[name], message.poses) for name in (CUBE, FLOOR))
+        position = message.poses[self._shapes[CUBE][0]].position
+        centre = np.array([position.x, position.y, position.z])
+        self.samples.append(Sample(time_s, centre, float(cube[:, 2].min() - floor[:, 2].max())))
+
+    def _on_joints(self, message: JointState) -> None:
+        self._names = list(message.name)
+        efforts = [e for name, e in zip(message.name, message.effort, strict=True) if name.endswith("_cable")]
+        self.tension = max(self.tension, *efforts)
+
+
+def _target(joint: str, point: WayPoint) -> float:
+    if joint.endswith("_cable"):
+        return point.pull
+    return point.height if joint == "vertical" else 0.0
+
+
+def _placed(number: int, points: Array, poses: Sequence[Pose]) -> Array:
+    """Points of body `number` in the world in [m], shape (k, 3)."""
+    position, turn = poses[number].position, poses[number].orientation
+    rotation = rotation_of(np.array([turn.x, turn.y, turn.z, turn.w]))
+    return np.asarray(points @ rotation.T + [position.x, position.y, position.z])

@@ -1,0 +1,127 @@
+"""Rigid bodies, cables and contacts of a scene on topics.
+
+`bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene order;
+`bodies/topology` (visualization_msgs/MarkerArray, latched) their surfaces, one TRIANGLE_LIST a body, ns = its
+name, points in its own frame, frame_id empty. `cables` (MarkerArray, 30 Hz) has for every cable, by its
+number as id, ns "line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `contacts`
+(MarkerArray, 30 Hz) has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on
+the first body, FORCE_LENGTH long a newton).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseArray, Vector3
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_ros import messages
+from softsim_ros.simulator.pacing import RateGate
+
+WORLD = "world"
+POSES_PERIOD_S = 1.0 / 60.0
+MARKERS_PERIOD_S = 1.0 / 30.0
+FORCE_LENGTH = 0.02
+"""Length in [m] at which a contact force of 1 N is drawn."""
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+_LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
+_CABLE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
+_PULL_COLOUR = ColorRGBA(r=0.1, g=0.3, b=0.9, a=1.0)
+_CONTACT = ColorRGBA(r=0.9, g=0.1, b=0.6, a=1.0)
+
+
+class ObjectPublications:
+    """Publishers of what a scene holds beside silicone and servos; used from the physics thread.
+
+    Args:
+        node: Owner of the publishers.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._poses = node.create_publisher(PoseArray, "bodies/poses", 5)
+        self._topology = node.create_publisher(MarkerArray, "bodies/topology", LATCHED)
+        self._cables = node.create_publisher(MarkerArray, "cables", 1)
+        self._contacts = node.create_publisher(MarkerArray, "contacts", 1)
+        self._poses_gate = RateGate(POSES_PERIOD_S)
+        self._cables_gate, self._contacts_gate = RateGate(MARKERS_PERIOD_S), RateGate(MARKERS_PERIOD_S)
+
+    def show_scene(self, simulation: Simulation) -> None:
+        """Send what does not move."""
+        self._topology.publish(bodies_topology(simulation))
+
+    def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
+        """Send what is due to who listens; `now` is a steady clock in [s], `whole` asks for everything."""
+        if _due(self._poses, self._poses_gate, now, whole) and simulation.rigid_bodies:
+            poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
+            self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
+        if _due(self._cables, self._cables_gate, now, whole):
+            self._cables.publish(cable_markers(simulation, stamp))
+        if _due(self._contacts, self._contacts_gate, now, whole):
+            self._contacts.publish(contact_markers(simulation, stamp))
+
+
+def bodies_topology(simulation: Simulation) -> MarkerArray:
+    """Surfaces of the rigid bodies, each in its own frame."""
+    markers = []
+    for number, body in enumerate(simulation.rigid_bodies):
+        r, g, b, a = body.colour
+        corners = body.surface.points[body.surface.triangles.ravel()]
+        marker = _marker(None, body.name, number, Marker.TRIANGLE_LIST, 1.0, ColorRGBA(r=r, g=g, b=b, a=a))
+        marker.points = _points(corners)
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
+    """Lines, points and pull points of all cables."""
+    markers = []
+    for number, cable in enumerate(simulation.cables):
+        line = _marker(stamp, "line", number, Marker.LINE_STRIP, _LINE, _CABLE)
+        line.points = _points(cable.points)
+        dots = _marker(stamp, "points", number, Marker.SPHERE_LIST, _DOT, _CABLE)
+        dots.points = line.points[cable.pulled_from_outside :]
+        markers += [line, dots]
+        if cable.pulled_from_outside:
+            pull = _marker(stamp, "pull", number, Marker.SPHERE, _PULL, _PULL_COLOUR)
+            pull.pose.position = line.points[0]
+            markers.append(pull)
+    return MarkerArray(markers=markers)
+
+
+def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
+    """Points and forces of all contacts of the last step; empty lists where nothing touches."""
+    contacts = simulation.contacts
+    points = _marker(stamp, "points", 0, Marker.SPHERE_LIST, _DOT, _CONTACT)
+    points.points = _points(contacts.points)
+    forces = _marker(stamp, "forces", 0, Marker.LINE_LIST, _LINE, _CONTACT)
+    ends = np.stack([contacts.points, contacts.points + FORCE_LENGTH * contacts.forces], axis=1)
+    forces.points = _points(ends.reshape(-1, 3))
+    return MarkerArray(markers=[points, forces])
+
+
+def _marker(stamp: Time | None, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:
+    marker = Marker(ns=ns, id=number, type=kind, action=Marker.ADD, color=colour)
+    if stamp is not None:
+        marker.header = messages.header(stamp, WORLD)
+    marker.pose.orientation.w = 1.0
+    marker.scale = Vector3(x=size, y=size, z=size)
+    return marker
+
+
+def _points(rows: Array) -> list[Point]:
+    flat: Iterable[list[float]] = np.asarray(rows, dtype=float).tolist()
+    return [Point(x=x, y=y, z=z) for x, y, z in flat]
+
+
+def _due(publisher: Publisher, gate: RateGate, now: float, whole: bool) -> bool:
+    return publisher.get_subscription_count() > 0 and (gate.passes(now) or whole)

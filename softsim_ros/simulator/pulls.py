@@ -1,0 +1,129 @@
+"""Pulling by hand: a force on a point of the visible surface or on a free frame, from `external_wrench`."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.simulation import Simulation
+from softsim_core.errors import CommandError, SoftSimError, listing
+from softsim_ros.runtime import declare_number
+from softsim_ros.simulator.physics_thread import PhysicsThread
+
+LOOK_PERIOD_S = 0.1
+"""Whether a pull has timed out is looked at this often, in [s]."""
+
+
+class Pulls:
+    """Subscribes to `external_wrench` and puts its force on the simulation; the newest message holds.
+
+    Parameters: `pull_timeout` in [s], after which a force that is not sent again is let go; `pull_limit` in
+    [N], to which a force is shortened.
+
+    Args:
+        node: Owner of the subscription and parameters.
+        physics: The thread that owns the simulation.
+        warn: Told the sentence of a refused message.
+    """
+
+    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
+        self._node, self._physics, self._warn = node, physics, warn
+        declare_number(
+            node,
+            "pull_timeout",
+            0.5,
+            "A pull is let go when it was not sent again for so long, in s",
+            0.01,
+            60.0,
+        )
+        declare_number(
+            node, "pull_limit", 10.0, "Largest force of a pull in N; a stronger one is shortened", 0.0, 1.0e6
+        )
+        self._heard_at: float | None = None
+        node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        limit = float(self._node.get_parameter("pull_limit").value)
+
+        def pull(simulation: Simulation) -> None:
+            wanted = limited_force((force.x, force.y, force.z), limit)
+            simulation.forces[:] = pulled_nodes(simulation, message.header.frame_id, wanted)
+
+        try:
+            self._physics.call(pull, shows=False)
+        except CommandError as error:
+            self._warn(str(error))
+        except SoftSimError:  # the physics has ended
+            return
+        else:
+            self._heard_at = time.monotonic()
+
+    def _look(self) -> None:
+        timeout = float(self._node.get_parameter("pull_timeout").value)
+        if self._heard_at is not None and time.monotonic() - self._heard_at > timeout:
+            self._heard_at = None
+            with suppress(SoftSimError):
+                self._physics.call(let_go, shows=False)
+
+
+def let_go(simulation: Simulation) -> None:
+    """End all pulls."""
+    simulation.forces[:] = 0.0
+
+
+def limited_force(force: tuple[float, float, float], limit: float) -> Array:
+    """A force in [N], shape (3,), no longer than `limit`.
+
+    Raises:
+        CommandError: it is not finite.
+    """
+    if not all(map(math.isfinite, force)):
+        raise CommandError(f"pull refused: the force must be finite, not {list(force)}; nothing is pulled")
+    size = math.hypot(*force)
+    return np.array(force) * (min(1.0, limit / size) if size > 0.0 else 1.0)
+
+
+def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
+    """Forces on all nodes in [N], shape (n, 3), of a force at one place.
+
+    Args:
+        simulation: Whose nodes.
+        frame: "mesh_point/INDEX", a vertex of the visible surface as in mesh/points, or the name of a free
+            frame, whose nodes share the force.
+        force: In [N], world axes, shape (3,).
+
+    Raises:
+        CommandError: there is no such place.
+    """
+    forces = np.zeros_like(simulation.forces)
+    if match := re.fullmatch(r"mesh_point/(\d+)", frame):
+        index = int(match[1])
+        for body in simulation.bodies:
+            if index < len(body.surface.points):
+                nodes = body.nodes.start + body.embedding.nodes[index]
+                np.add.at(forces, nodes, body.embedding.weights[index][:, None] * force)
+                return forces
+            index -= len(body.surface.points)
+    effector = f"{simulation.scene.name}_effector"
+    name = simulation.scene.effector if frame == effector else frame
+    for zone in simulation.model.zones:
+        if zone.frame >= 0 and zone.name == name:
+            forces[zone.nodes] = force / len(zone.nodes)
+            return forces
+    points = sum(len(body.surface.points) for body in simulation.bodies)
+    raise CommandError(
+        f"pull refused: no place {frame!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
+        f"free frames {listing(simulation.model.frame_names)}; nothing is pulled"
+    )
