@@ -47,4 +47,7 @@ NODES = {
     "virtual_board": NodeEntry(
         "servo_bridge.virtual_board_node", "servo_bridge", "a serial servo board on a pseudo-terminal"
     ),
+    "emulated_board": NodeEntry(
+        "servo_bridge.emulated_board_node", "servo_bridge", "the same with the real firmware, emulated"
+    ),
 }

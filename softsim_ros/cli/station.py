@@ -12,9 +12,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.utilities import ok, try_shutdown
 
+from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
 from softsim_core.scene import SceneDescription
-from softsim_ros.cli.boards import BoardChoice, BoardKind, LocalBoard, local_board
+from softsim_ros.cli.boards import BoardChoice, BoardKind, local_board, quiet_s
 from softsim_ros.cli.status_line import show_status
 from softsim_ros.cli.web_page import WebPage
 from softsim_ros.inverse.inverse_node import InverseControl
@@ -46,7 +47,7 @@ class Station:
         inverse: bool = False,
         watch: bool = False,
     ) -> None:
-        self.board: LocalBoard | None = None
+        self.board: BoardNode | None = None
         self.bridge: ServoBridge | None = None
         self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
@@ -71,18 +72,18 @@ class Station:
         self.board = local_board(stack, scene, namespace, board.kind)
         values: dict[str, object] = {
             "robot": scene.name,
-            "port": board.port if self.board is None else self.board.port,
+            "port": board.port if self.board is None else self.board.board.port,
             "autostart": "activate" if board.send else "configure",
         }
-        if self.board is not None and self.board.quiet_s is not None:
-            values["open_wait_s"] = self.board.quiet_s
+        if (quiet := quiet_s(board.kind)) is not None:
+            values["open_wait_s"] = quiet
         self.bridge = ServoBridge(
             scene=scene,
             namespace=namespace,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         stack.callback(self.bridge.destroy_node)
-        return [*(self.board.nodes if self.board else ()), self.bridge]
+        return [*([self.board] if self.board else ()), self.bridge]
 
     def __enter__(self) -> Station:
         """Everything spins already."""

@@ -8,8 +8,8 @@ import time
 
 from rclpy.utilities import ok
 
+from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
-from softsim_ros.cli.boards import LocalBoard
 from softsim_ros.simulator.simulator_node import Simulator
 
 LOOK_S = 0.2
@@ -17,9 +17,7 @@ TERMINAL_PERIOD_S = 0.5
 LOG_PERIOD_S = 30.0
 
 
-def status_text(
-    simulator: Simulator, bridge: ServoBridge | None, board: LocalBoard | None
-) -> tuple[str, str]:
+def status_text(simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None) -> tuple[str, str]:
     """The line without and with the numbers that change all the time; a change of the first is news."""
     status = simulator.physics.status
     state = status.fault or ("paused" if status.paused else "running")
@@ -28,12 +26,12 @@ def status_text(
     if bridge is not None:
         news += f"  bridge {bridge.lifecycle_state}"
     if board is not None:
-        news += f" on {board.port}"
+        news += f" on {board.board.port}"
         figures += f"  {board.pose_text}"
     return news, f"{news}  {figures}"
 
 
-def show_status(simulator: Simulator, bridge: ServoBridge | None, board: LocalBoard | None) -> None:
+def show_status(simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None) -> None:
     """Show the line until the context shuts down."""
     terminal = sys.stdout.isatty()
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S

@@ -18,7 +18,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = {"softsim_core", "softsim_ros", "servo_bridge", "softsim_bringup"}
 EXECUTABLES = {
     "softsim_ros": {"simulator", "teleop", "softsim"},
-    "servo_bridge": {"servo_bridge", "virtual_board"},
+    "servo_bridge": {"servo_bridge", "virtual_board", "emulated_board"},
 }
 
 pytestmark = [pytest.mark.slow, pytest.mark.ros]

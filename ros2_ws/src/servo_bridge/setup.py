@@ -23,6 +23,7 @@ setup(
         "console_scripts": [
             "servo_bridge = servo_bridge.bridge_node:main",
             "virtual_board = servo_bridge.virtual_board_node:main",
+            "emulated_board = servo_bridge.emulated_board_node:main",
         ],
     },
 )

@@ -1,0 +1,200 @@
+"""A pseudo-terminal with a board behind it: what the virtual and the emulated board have in common.
+
+The bridge opens it with real pyserial on a real tty. How the port behaves, and why:
+
+* The slave end is made raw and closed at once. From then on a hang-up on the master means that nobody has the
+  port open, and its end means that somebody opened it: on a real board the moment at which DTR resets it.
+* A stable name is a symbolic link that is replaced at once. Unplugging removes it and closes the master;
+  plugging in again is a power-on behind a new port under the same link.
+* A thread serves the port; it ends when the cable is pulled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import threading
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, TypeVar
+
+from servo_bridge.port_link import make_link, remove_link
+
+Board = TypeVar("Board", bound="PtyBoard")
+
+
+class Heard(NamedTuple):
+    """What came in, and whether some program has the port open."""
+
+    data: bytes
+    opened: bool
+
+
+class MasterEnd:
+    """The board's end of a new pseudo-terminal.
+
+    Attributes:
+        device: Name of the other end, to be opened.
+    """
+
+    def __init__(self) -> None:
+        self._master, slave = os.openpty()
+        try:
+            tty.setraw(slave)
+            self.device = os.ttyname(slave)
+        except BaseException:
+            os.close(self._master)
+            raise
+        finally:
+            os.close(slave)
+        os.set_blocking(self._master, False)
+        self._awake, self._wake = os.pipe()
+        self._line, self._pause = select.poll(), select.poll()
+        self._line.register(self._master, select.POLLIN)
+        for each in (self._line, self._pause):
+            each.register(self._awake, select.POLLIN)
+
+    def hear(self, patience_s: float | None) -> Heard | None:
+        """Wait at most `patience_s` seconds for bytes or a closing; None once the cable is out."""
+        events = dict(self._line.poll(None if patience_s is None else patience_s * 1000.0))
+        if self._awake in events:
+            return None
+        state = events.get(self._master, 0)
+        data = b""
+        if state & select.POLLIN:
+            with contextlib.suppress(OSError):  # nobody has it open any more: the hang-up says so
+                data = os.read(self._master, 4096)
+        return Heard(data, not state & select.POLLHUP)
+
+    def pause(self, seconds: float) -> bool:
+        """Wait without listening; True once the cable is out."""
+        return bool(self._pause.poll(seconds * 1000.0))
+
+    def write(self, data: bytes) -> None:
+        """Send; what a full line, or one just closed, does not take is lost, as on a wire."""
+        with contextlib.suppress(OSError):
+            os.write(self._master, data)
+
+    def wake(self) -> None:
+        """End `hear` and `pause`, now and from now on."""
+        os.write(self._wake, b"x")
+
+    def close(self) -> None:
+        """Close the port under whoever has it open."""
+        for each in (self._master, self._awake, self._wake):
+            os.close(each)
+
+
+class PtyBoard(ABC):
+    """A board behind a pseudo-terminal; use it as a context manager. A subclass calls `replug` when ready.
+
+    Args:
+        link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
+    """
+
+    def __init__(self, link: Path | str | None) -> None:
+        self.link = None if link is None else Path(link)
+        self._changed = threading.Condition()  # guards and announces every change of state
+        self._opened = False
+        self._open_count = self._received = 0
+        self._end: MasterEnd | None = None
+        self._thread: threading.Thread | None = None
+
+    @abstractmethod
+    def _serve(self, end: MasterEnd) -> None:
+        """Be the board, in a thread, until the cable is out."""
+
+    @abstractmethod
+    def _power_on(self) -> None:
+        """The cable has been put in; called with the lock held, before anybody can open the port."""
+
+    @abstractmethod
+    def _power_off(self) -> None:
+        """The cable has been pulled; called with the lock held."""
+
+    @property
+    def port(self) -> str:
+        """Name to open: the link where there is one, else the pseudo-terminal (empty while unplugged)."""
+        if self.link is not None:
+            return str(self.link)
+        end = self._end
+        return "" if end is None else end.device
+
+    @property
+    def is_open(self) -> bool:
+        """Whether some program has the port open."""
+        with self._changed:
+            return self._opened
+
+    @property
+    def open_count(self) -> int:
+        """How many times the port was seen to be opened; each one resets a real board."""
+        with self._changed:
+            return self._open_count
+
+    @property
+    def received(self) -> int:
+        """Bytes that came from the computer so far, good or bad."""
+        with self._changed:
+            return self._received
+
+    def wait_for(self: Board, predicate: Callable[[Board], bool], deadline_s: float = 30.0) -> bool:
+        """Wait until `predicate(board)` holds, looking after every change of the board.
+
+        Returns:
+            False when `deadline_s` seconds passed first.
+        """
+        with self._changed:
+            return self._changed.wait_for(lambda: predicate(self), timeout=deadline_s)
+
+    def unplug(self) -> None:
+        """Pull the cable: the port vanishes under whoever has it open. The servos lose power."""
+        if self._end is None:
+            return
+        self._end.wake()
+        if self._thread is not None:
+            self._thread.join()
+        self._end.close()
+        remove_link(self.link, self._end.device)
+        with self._changed:
+            self._end, self._opened = None, False
+            self._power_off()
+            self._changed.notify_all()
+
+    def replug(self) -> None:
+        """Put the cable back: a power-on behind a new port (most often another number) and the same link.
+
+        Raises:
+            PortError: the link cannot be made, or something that is no link is in its place.
+        """
+        if self._end is not None:
+            return
+        end = MasterEnd()
+        try:
+            make_link(self.link, end.device)
+        except BaseException:
+            end.close()
+            raise
+        with self._changed:
+            self._power_on()
+            self._end = end
+        self._thread = threading.Thread(
+            target=self._serve, args=(end,), name=type(self).__name__, daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Remove the port and its link; a second call does nothing."""
+        self.unplug()
+
+    def __enter__(self: Board) -> Board:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
