@@ -1,0 +1,13 @@
+"""Tripod tutorial, step 5, start: the robot with its effector, and no keys that move it."""
+
+from softsim_core.actuation.limits import JointLimits
+from softsim_core.scene import Scene
+from softsim_core.scene.description import SolverSettings
+from softsim_core.scene.parts import tripod
+
+
+def create_scene(scene: Scene) -> None:
+    """Write here: scene.keys, a named pose and the start animation."""
+    scene.name = "tripod"
+    scene.solver = SolverSettings(rayleigh_stiffness=0.005)
+    scene.add(tripod(limits=JointLimits()))
