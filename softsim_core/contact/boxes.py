@@ -9,7 +9,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.compile import kernel
 from softsim_core.contact.topology import Topology
-from softsim_core.contact.vectors import cross, minus, row, unit
+from softsim_core.contact.vectors import cross, dot, minus, row, unit
 
 
 class Boxes(NamedTuple):
@@ -55,6 +55,36 @@ def apart(a: Array, i: int, b: Array, j: int, reach: float) -> bool:
 
 
 @kernel
+def outside(points: Array, v: int, boxes: Array, i: int, reach: float) -> bool:
+    """Whether vertex v is farther than `reach` from box i along an axis."""
+    for d in range(3):  # noqa: SIM110 - Numba compiles no generators
+        if max(points[v, d] - boxes[i, 3 + d], boxes[i, d] - points[v, d]) > reach:
+            return True
+    return False
+
+
+@kernel
+def segments_apart(points: Array, i: int, j: int, k: int, m: int, reach: float) -> bool:
+    """Whether the boxes of segments i j and k m are farther apart than `reach` along an axis."""
+    for d in range(3):
+        a, b, c, e = points[i, d], points[j, d], points[k, d], points[m, d]
+        if max(min(a, b) - max(c, e), min(c, e) - max(a, b)) > reach:
+            return True
+    return False
+
+
+@kernel
+def beyond(points: Array, triangles: IndexArray, t: int, normals: Array, u: int, reach: float) -> bool:
+    """Whether triangle t lies on one side of the plane of u, farther than `reach`."""
+    normal, base = row(normals, u), row(points, triangles[u, 0])
+    low = high = dot(minus(row(points, triangles[t, 0]), base), normal)
+    for c in range(1, 3):
+        height = dot(minus(row(points, triangles[t, c]), base), normal)
+        low, high = min(low, height), max(high, height)
+    return low > reach or high < -reach
+
+
+@kernel
 def surface_boxes(points: Array, topology: Topology, boxes: Boxes) -> None:
     """Boxes of all surfaces, from their vertices; a sphere's box holds the whole sphere."""
     for s in range(topology.surface_vertex.shape[0]):
@@ -71,37 +101,61 @@ def surface_boxes(points: Array, topology: Topology, boxes: Boxes) -> None:
 @kernel
 def refit(s: int, points: Array, topology: Topology, boxes: Boxes) -> None:
     """Boxes of the triangles and tree nodes of surface s, and its normals."""
-    for t in range(topology.surface_triangle[s, 0], topology.surface_triangle[s, 1]):
-        i, j, k = topology.triangles[t, 0], topology.triangles[t, 1], topology.triangles[t, 2]
+    first, end = topology.surface_triangle[s]
+    _refit_triangles(first, end, points, topology.triangles, boxes.triangle, boxes.normal)
+    first, end = topology.surface_node[s]
+    if topology.node_count[first] == 0:
+        v = topology.node_first[first]
         for d in range(3):
-            x, y, z = points[i, d], points[j, d], points[k, d]
-            boxes.triangle[t, d] = min(x, y, z)
-            boxes.triangle[t, 3 + d] = max(x, y, z)
-        a = row(points, i)
-        n = unit(cross(minus(row(points, j), a), minus(row(points, k), a)))
-        boxes.normal[t, 0], boxes.normal[t, 1], boxes.normal[t, 2] = n
-    root = topology.surface_node[s, 0]
-    for back in range(topology.surface_node[s, 1] - root):
-        node = topology.surface_node[s, 1] - 1 - back  # children stand behind their parent
-        count, first = topology.node_count[node], topology.node_first[node]
-        if count == 0:
-            for d in range(3):
-                boxes.node[node, d] = points[first, d] - topology.radius[first]
-                boxes.node[node, 3 + d] = points[first, d] + topology.radius[first]
-        elif count < 0:
-            child = topology.node_child[node]
-            _cover(boxes.node, child, child + 1, boxes.node, node)
-        else:
-            _cover(boxes.triangle, first, first + count - 1, boxes.node, node)
-            for t in range(first + 1, first + count - 1):
-                for d in range(3):
-                    boxes.node[node, d] = min(boxes.node[node, d], boxes.triangle[t, d])
-                    boxes.node[node, 3 + d] = max(boxes.node[node, 3 + d], boxes.triangle[t, 3 + d])
+            boxes.node[first, d] = points[v, d] - topology.radius[v]
+            boxes.node[first, 3 + d] = points[v, d] + topology.radius[v]
+    else:
+        _refit_nodes(
+            first,
+            end,
+            topology.node_first,
+            topology.node_count,
+            topology.node_child,
+            boxes.triangle,
+            boxes.node,
+        )
 
 
 @kernel
-def _cover(boxes: Array, i: int, j: int, out: Array, k: int) -> None:
-    """out[k] becomes the box around boxes i and j."""
+def _refit_triangles(
+    first: int, end: int, points: Array, triangles: IndexArray, boxes: Array, normals: Array
+) -> None:
+    for t in range(first, end):
+        a, b, c = row(points, triangles[t, 0]), row(points, triangles[t, 1]), row(points, triangles[t, 2])
+        for d in range(3):
+            boxes[t, d] = min(a[d], b[d], c[d])
+            boxes[t, 3 + d] = max(a[d], b[d], c[d])
+        normals[t, 0], normals[t, 1], normals[t, 2] = unit(cross(minus(b, a), minus(c, a)))
+
+
+@kernel
+def _refit_nodes(
+    first: int,
+    end: int,
+    node_first: IndexArray,
+    node_count: IndexArray,
+    node_child: IndexArray,
+    triangles: Array,
+    nodes: Array,
+) -> None:
+    for node in range(end - 1, first - 1, -1):  # children stand behind their parent
+        count = node_count[node]
+        if count < 0:
+            _cover(nodes, node_child[node], 2, nodes, node)
+        else:
+            _cover(triangles, node_first[node], count, nodes, node)
+
+
+@kernel
+def _cover(boxes: Array, first: int, count: int, out: Array, k: int) -> None:
+    """out[k] becomes the box around boxes[first : first + count]."""
     for d in range(3):
-        out[k, d] = min(boxes[i, d], boxes[j, d])
-        out[k, 3 + d] = max(boxes[i, 3 + d], boxes[j, 3 + d])
+        low, high = boxes[first, d], boxes[first, 3 + d]
+        for i in range(first + 1, first + count):
+            low, high = min(low, boxes[i, d]), max(high, boxes[i, 3 + d])
+        out[k, d], out[k, 3 + d] = low, high

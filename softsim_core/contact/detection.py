@@ -8,11 +8,13 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.boxes import allocate
-from softsim_core.contact.found import allocate_found
+from softsim_core.contact.found import allocate_found, allocate_near
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.contact.sweep import sweep
 from softsim_core.contact.topology import build_topology
 from softsim_core.scene.objects import ContactSettings
+
+_ROOM = 1024  # pairs of features; doubled when a scene needs more
 
 
 class Proximities(NamedTuple):
@@ -65,7 +67,7 @@ class Detector:
         self._least_rest = settings.contact_distance
         self._topology = build_topology(surfaces, self._rest)
         self._boxes = allocate(self._topology)
-        self._found = allocate_found(256)
+        self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
 
     def detect(self, points: Array, reach: float) -> Proximities:
         """Contacts with a gap of at most `reach`.
@@ -76,11 +78,14 @@ class Detector:
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         while True:
-            found = self._found
-            count = sweep(points, self._rest, reach, self._least_rest, self._topology, self._boxes, found)
-            if count <= len(found.distance):
+            near, found = self._near, self._found
+            needed = sweep(
+                points, self._rest, reach, self._least_rest, self._topology, self._boxes, near, found
+            )
+            if needed <= len(found.distance):
                 break
-            self._found = allocate_found(2 * count)
+            self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
+        count = found.counter[0]
         order = np.argsort(found.key[:count], kind="stable")
         return Proximities(
             a=found.a[order],

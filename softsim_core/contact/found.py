@@ -52,12 +52,38 @@ def allocate_found(size: int) -> Found:
     )
 
 
+class Near(NamedTuple):
+    """Pairs of leaves and of features of two surfaces that are near enough to look at closely.
+
+    Attributes:
+        vertices: Vertex, triangle, and 1 where the vertex is of the second surface, shape (size, 3).
+        edges: Edge of the first surface, edge of the second, shape (size, 2).
+        leaves: Leaf of the first tree, leaf of the second, shape (size, 2).
+        counts: Number of rows of `vertices`, `edges` and `leaves`, also when they no longer fit, shape (3,).
+    """
+
+    vertices: IndexArray
+    edges: IndexArray
+    leaves: IndexArray
+    counts: IndexArray
+
+
+def allocate_near(size: int) -> Near:
+    """Room for `size` pairs of either kind."""
+    return Near(
+        vertices=np.zeros((size, 3), dtype=np.int64),
+        edges=np.zeros((size, 2), dtype=np.int64),
+        leaves=np.zeros((size, 2), dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
+    )
+
+
 @kernel
-def next_row(found: Found) -> int:
+def next_row(counter: IndexArray, room: Array) -> int:
     """The row for one more contact, or -1 where there is no room; counted either way."""
-    at = found.counter[0]
-    found.counter[0] += 1
-    return int(at) if at < found.distance.shape[0] else -1
+    at = counter[0]
+    counter[0] += 1
+    return int(at) if at < room.shape[0] else -1
 
 
 @kernel
@@ -89,10 +115,9 @@ def move(source: int, target: int, found: Found) -> None:
 
 
 @kernel
-def key_of(a: int, b: int, topology: Topology) -> int:
-    """One number for a pair of features."""
-    features = topology.radius.shape[0] + topology.edges.shape[0] + topology.triangles.shape[0]
-    return int(a * features + b)
+def features(topology: Topology) -> int:
+    """Number of vertices, edges and triangles: a pair of them gets the key first * features + second."""
+    return int(topology.radius.shape[0] + topology.edges.shape[0] + topology.triangles.shape[0])
 
 
 @kernel
@@ -103,14 +128,7 @@ def write(nodes: IndexArray, weights: Array, at: int, ids: tuple[int, int, int],
 
 
 @kernel
-def write_vertex(nodes: IndexArray, weights: Array, at: int, v: int) -> None:
-    """Set one side of contact `at` to a vertex."""
-    write(nodes, weights, at, (v, v, v), (1.0, 0.0, 0.0))
-
-
-@kernel
-def write_pair(found: Found, at: int, sa: int, sb: int, normal: Vector, key: int) -> None:
-    """Set what both sides of contact `at` have in common."""
-    found.normal[at, 0], found.normal[at, 1], found.normal[at, 2] = normal
-    found.pair[at, 0], found.pair[at, 1] = sa, sb
-    found.key[at] = key
+def write_pair(normals: Array, pairs: IndexArray, at: int, normal: Vector, sa: int, sb: int) -> None:
+    """Set the normal and the surfaces of contact `at`."""
+    normals[at, 0], normals[at, 1], normals[at, 2] = normal
+    pairs[at, 0], pairs[at, 1] = sa, sb

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.contact.boxes import Boxes, apart, refit, surface_boxes
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.boxes import Boxes, apart, beyond, outside, refit, segments_apart, surface_boxes
 from softsim_core.contact.compile import kernel
-from softsim_core.contact.found import Found, mixed, move
-from softsim_core.contact.narrow import meet_edges, meet_spheres, meet_vertex
+from softsim_core.contact.found import Found, Near, mixed, move
+from softsim_core.contact.narrow import meet_edges, meet_spheres, meet_vertices
 from softsim_core.contact.topology import Topology
 from softsim_core.contact.vectors import dot, minus
 
@@ -24,9 +24,10 @@ def sweep(
     least_rest: float,
     topology: Topology,
     boxes: Boxes,
+    near: Near,
     found: Found,
 ) -> int:
-    """Contacts of all pairs of surfaces; returns their number (rows beyond the room of `found` are lost).
+    """Contacts of all pairs of surfaces; returns how much room they and what is near need.
 
     Args:
         points: Vertex positions in [m], shape (V, 3).
@@ -35,11 +36,13 @@ def sweep(
         least_rest: Two points of one body count only if they are farther apart than this at rest, in [m].
         topology: What stays the same.
         boxes: Overwritten.
-        found: Overwritten.
+        near: Overwritten.
+        found: Overwritten; its counter tells the number of contacts.
     """
     surface_boxes(points, topology, boxes)
     fresh = np.zeros(topology.closed.shape[0], dtype=np.bool_)
     found.counter[0] = 0
+    needed = 0
     for p in range(topology.pairs.shape[0]):
         sa, sb = topology.pairs[p, 0], topology.pairs[p, 1]
         if apart(boxes.surface, sa, boxes.surface, sb, reach):
@@ -49,99 +52,104 @@ def sweep(
                 refit(s, points, topology, boxes)
                 fresh[s] = True
             boxes.nearest[topology.surface_vertex[s, 0] : topology.surface_vertex[s, 1]] = np.inf
+        i, j = topology.surface_node[sa, 0], topology.surface_node[sb, 0]
         begin = found.counter[0]
-        _compare_trees(sa, sb, reach, points, topology, boxes, found)
-        if found.counter[0] > found.distance.shape[0]:
-            return int(found.counter[0])
+        if topology.node_count[i] == 0 and topology.node_count[j] == 0:
+            v, w = topology.node_first[i], topology.node_first[j]
+            meet_spheres(v, w, sa, sb, reach, points, topology, found)
+        else:
+            _compare_trees(i, j, reach, topology, boxes, near)
+            _compare_leaves(reach, points, topology, boxes, near)
+            needed = max(needed, near.counts[0], near.counts[1], near.counts[2])
+            if needed > near.vertices.shape[0]:
+                return int(needed)
+            meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+            meet_edges(sa, sb, reach, points, topology, boxes, near, found)
+        needed = max(needed, found.counter[0])
+        if needed > found.distance.shape[0]:
+            return int(needed)
         rest = least_rest if topology.same_owner[p] else -1.0
         found.counter[0] = _sift(begin, found.counter[0], rest, points, rest_points, boxes, found)
-    return int(found.counter[0])
+    return int(needed)
 
 
 @kernel
 def _compare_trees(
-    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, found: Found
+    root_a: int, root_b: int, reach: float, topology: Topology, boxes: Boxes, near: Near
 ) -> None:
-    """Descend both trees together, the larger count of triangles first; compare triangles of near leaves."""
-    stack = boxes.stack
-    stack[0, 0], stack[0, 1] = topology.surface_node[sa, 0], topology.surface_node[sb, 0]
+    """Descend both trees together; list near leaves. Either tree may be a sphere."""
+    stack, nodes, counts, child = boxes.stack, boxes.node, topology.node_count, topology.node_child
+    near.counts[:] = 0
+    stack[0, 0], stack[0, 1] = root_a, root_b
     size = 1
     while size > 0:
         size -= 1
         i, j = stack[size, 0], stack[size, 1]
-        if apart(boxes.node, i, boxes.node, j, reach):
+        if apart(nodes, i, nodes, j, reach):
             continue
-        if topology.node_count[i] < 0:
-            child = topology.node_child[i]
-            stack[size, 0], stack[size, 1] = child + 1, j
-            stack[size + 1, 0], stack[size + 1, 1] = child, j
+        if counts[i] < 0:
+            stack[size, 0], stack[size, 1] = child[i] + 1, j
+            stack[size + 1, 0], stack[size + 1, 1] = child[i], j
             size += 2
-        elif topology.node_count[j] < 0:
-            child = topology.node_child[j]
-            stack[size, 0], stack[size, 1] = i, child + 1
-            stack[size + 1, 0], stack[size + 1, 1] = i, child
+        elif counts[j] < 0:
+            stack[size, 0], stack[size, 1] = i, child[j] + 1
+            stack[size + 1, 0], stack[size + 1, 1] = i, child[j]
             size += 2
+        elif counts[i] == 0 or counts[j] == 0:
+            sphere, other = (i, j) if counts[i] == 0 else (j, i)
+            for t in range(topology.node_first[other], topology.node_first[other] + counts[other]):
+                _list_vertex(topology.node_first[sphere], t, int(counts[j] == 0), near.vertices, near.counts)
         else:
-            _compare_leaves(i, j, sa, sb, reach, points, topology, boxes, found)
+            _list_pair(i, j, 2, near.leaves, near.counts)
 
 
 @kernel
-def _compare_leaves(
-    i: int,
-    j: int,
-    sa: int,
-    sb: int,
-    reach: float,
-    points: Array,
-    topology: Topology,
-    boxes: Boxes,
-    found: Found,
-) -> None:
-    """All triangles of leaf i of surface sa against all of leaf j of sb; either may be a sphere."""
-    first_a, first_b = topology.node_first[i], topology.node_first[j]
-    count_a, count_b = topology.node_count[i], topology.node_count[j]
-    if count_a == 0 and count_b == 0:
-        meet_spheres(first_a, first_b, sa, sb, reach, points, topology, found)
-    elif count_a == 0:
-        for t in range(first_b, first_b + count_b):
-            meet_vertex(first_a, t, sa, sb, reach, points, topology, boxes, found)
-    elif count_b == 0:
-        for t in range(first_a, first_a + count_a):
-            meet_vertex(first_b, t, sb, sa, reach, points, topology, boxes, found)
-    else:
-        for t in range(first_a, first_a + count_a):
-            if apart(boxes.triangle, t, boxes.node, j, reach):
+def _compare_leaves(reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near) -> None:
+    """List the features that triangles of near leaves look at, but for those plainly too far apart."""
+    triangles, owns, around, normals = topology.triangles, topology.owns, boxes.triangle, boxes.normal
+    edges, first, count = topology.triangle_edges, topology.node_first, topology.node_count
+    for pair in range(min(near.counts[2], near.leaves.shape[0])):
+        i, j = near.leaves[pair, 0], near.leaves[pair, 1]
+        for t in range(first[i], first[i] + count[i]):
+            if apart(around, t, boxes.node, j, reach):
                 continue
-            for u in range(first_b, first_b + count_b):
-                if not apart(boxes.triangle, t, boxes.triangle, u, reach):
-                    _compare_triangles(t, u, sa, sb, reach, points, topology, boxes, found)
+            for u in range(first[j], first[j] + count[j]):
+                if apart(around, t, around, u, reach):
+                    continue
+                if beyond(points, triangles, t, normals, u, reach):
+                    continue
+                if beyond(points, triangles, u, normals, t, reach):
+                    continue
+                for c in range(3):
+                    if owns[t, c] and not outside(points, triangles[t, c], around, u, reach):
+                        _list_vertex(triangles[t, c], u, 0, near.vertices, near.counts)
+                    if owns[u, c] and not outside(points, triangles[u, c], around, t, reach):
+                        _list_vertex(triangles[u, c], t, 1, near.vertices, near.counts)
+                    if owns[t, 3 + c] == 0:
+                        continue
+                    k, m = triangles[t, c], triangles[t, (c + 1) % 3]
+                    for d in range(3):
+                        n, o = triangles[u, d], triangles[u, (d + 1) % 3]
+                        if owns[u, 3 + d] and not segments_apart(points, k, m, n, o, reach):
+                            _list_pair(edges[t, c], edges[u, d], 1, near.edges, near.counts)
 
 
 @kernel
-def _compare_triangles(
-    t: int,
-    u: int,
-    sa: int,
-    sb: int,
-    reach: float,
-    points: Array,
-    topology: Topology,
-    boxes: Boxes,
-    found: Found,
-) -> None:
-    """The features that triangles t and u look at."""
-    for c in range(3):
-        if topology.owns[t, c]:
-            meet_vertex(topology.triangles[t, c], u, sa, sb, reach, points, topology, boxes, found)
-        if topology.owns[u, c]:
-            meet_vertex(topology.triangles[u, c], t, sb, sa, reach, points, topology, boxes, found)
-    for c in range(3):
-        if topology.owns[t, 3 + c]:
-            e = topology.triangle_edges[t, c]
-            for d in range(3):
-                if topology.owns[u, 3 + d]:
-                    f = topology.triangle_edges[u, d]
-                    meet_edges(e, f, sa, sb, reach, points, topology, boxes, found)
+def _list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray) -> None:
+    """Add a and b to the list that counts[kind] belongs to."""
+    at = counts[kind]
+    counts[kind] += 1
+    if at < pairs.shape[0]:
+        pairs[at, 0], pairs[at, 1] = a, b
+
+
+@kernel
+def _list_vertex(v: int, t: int, second: int, vertices: IndexArray, counts: IndexArray) -> None:
+    """Add vertex v and triangle t to the list."""
+    at = counts[0]
+    counts[0] += 1
+    if at < vertices.shape[0]:
+        vertices[at, 0], vertices[at, 1], vertices[at, 2] = v, t, second
 
 
 @kernel
