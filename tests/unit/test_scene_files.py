@@ -126,4 +126,4 @@ def test_meshes_of_symlinked_configs_are_found(tmp_path: Path) -> None:
 def test_every_scene_of_the_product_loads(name: str) -> None:
     scene = load_scene(name)
     assert scene.source == known_scenes()[name]
-    assert scene.bodies or scene.joints
+    assert scene.body_names or scene.joints

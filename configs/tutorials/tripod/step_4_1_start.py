@@ -1,4 +1,4 @@
-"""Tripod tutorial, step 4-1, start: the silicone piece, lifted to the height of the arms, held at its centre."""
+"""Tripod tutorial, step 4-1, start: the silicone piece at the height of the arms, held at its centre."""
 
 from softsim_core.scene import Scene
 from softsim_core.scene.parts import fixing_box, tripod_silicone
