@@ -27,7 +27,7 @@ def cables(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> C
     """All cables of a scene, or None.
 
     Raises:
-        SceneError: a point lies outside its body.
+        SceneError: a point lies outside its body, or all points of a cable coincide.
         ConfigError: a file of points cannot be read.
     """
     joints = [j for j, joint in enumerate(scene.joints) if joint.cable is not None]
@@ -75,8 +75,13 @@ def cables(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> C
         np.array(by_force),
     )
     start = model.rest_state()
+    lengths = result.lengths(result.points(model, start))
+    if not lengths.all():
+        raise SceneError(
+            f"cable {result.names[int(np.argmin(lengths))]}: all its points coincide; move them apart"
+        )
     given = ~np.isnan(result.rest_length)
-    result.rest_length[~given] = result.lengths(result.points(model, start))[~given]
+    result.rest_length[~given] = lengths[~given]
     return result
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.overlap import first_inside
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.dynamics.contacts import Carrier, Contacts
 from softsim_core.errors import SceneError
@@ -136,13 +137,16 @@ def _carrier(
 def _check_start(contacts: Contacts, model: Model, scene: SceneDescription) -> None:
     """Refuse a scene whose bodies overlap before the first step."""
     state = model.rest_state()
-    near = contacts.near(contacts.points(model, state), scene.contact.alarm_distance)
-    if not len(near.distance):
-        return
-    worst = int(np.argmin(near.distance))
-    if near.distance[worst] < 0.0:
-        a, b = (contacts.surfaces[number].name for number in near.pair[worst])
+    points = contacts.points(model, state)
+    near = contacts.near(points, scene.contact.alarm_distance)
+    worst = int(np.argmin(near.distance)) if len(near.distance) else -1
+    if worst >= 0 and near.distance[worst] < 0.0:
+        pair, by = near.pair[worst].tolist(), f" by {-1e3 * near.distance[worst]:.2g} mm"
+    else:
+        pair, by = first_inside(contacts.surfaces, points), ""
+    if pair is not None:
+        a, b = (contacts.surfaces[number].name for number in pair)
         raise SceneError(
-            f"scene {scene.name}: collision surfaces {a} and {b} overlap by "
-            f"{-1e3 * near.distance[worst]:.2g} mm at the start; move one of their bodies"
+            f"scene {scene.name}: collision surfaces {a} and {b} overlap{by} at the start; move one of their "
+            "bodies"
         )
