@@ -103,14 +103,14 @@ def _node(robot: str, steps: int) -> ProcessFigures:
             words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
         )
         try:
-            with _Listener(domain, f"/{load_scene(robot).name}") as listener:
-                reports = _watch(child, listener, steps)
+            with Listener(domain, f"/{load_scene(robot).name}") as listener:
+                reports = wait_for_steps(child, listener, steps)
                 memory = resident_mb(child.pid)
         except ProcessError as error:
             log.seek(0)
             raise ProcessError(f"{error}; it said: {log.read().strip()[-400:]}") from None
         finally:
-            _end(child)
+            end_process(child)
     settled = [each for each in reports if each["steps"] >= SETTLED_STEPS] or reports
     return ProcessFigures(
         "simulator node, every topic subscribed, mesh each step",
@@ -121,8 +121,12 @@ def _node(robot: str, steps: int) -> ProcessFigures:
     )
 
 
-def _watch(child: subprocess.Popen[bytes], listener: _Listener, steps: int) -> list[dict[str, float]]:
-    """The diagnostics of the node until it has done `steps` steps."""
+def wait_for_steps(child: subprocess.Popen[bytes], listener: Listener, steps: int) -> list[dict[str, float]]:
+    """The diagnostics of the node until it has done `steps` steps.
+
+    Raises:
+        ProcessError: it ended, or does not get on.
+    """
     deadline = time.monotonic() + START_DEADLINE_S
     while not listener.reports or listener.reports[-1]["steps"] < steps:
         if child.poll() is not None:
@@ -136,7 +140,7 @@ def _watch(child: subprocess.Popen[bytes], listener: _Listener, steps: int) -> l
     return list(listener.reports)
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
+def end_process(child: subprocess.Popen[bytes]) -> None:
     """Ctrl-C, then kill: the node ends with its own session."""
     if child.poll() is None:
         child.send_signal(signal.SIGINT)
@@ -147,15 +151,17 @@ def _end(child: subprocess.Popen[bytes]) -> None:
             child.wait()
 
 
-class _Listener:
-    """Subscribes to every topic of a simulator, and keeps the numbers of its diagnostics."""
+class Listener:
+    """Keeps the numbers of a simulator's diagnostics; subscribes to its topics, too, where `everything`."""
 
-    def __init__(self, domain: int, namespace: str) -> None:
+    def __init__(self, domain: int, namespace: str, *, everything: bool = True) -> None:
+        self._everything = everything
         self.reports: list[dict[str, float]] = []
         self.news = threading.Event()
         self._domain, self._namespace = domain, namespace
 
-    def __enter__(self) -> _Listener:
+    def __enter__(self) -> Listener:
+        """Listen from now on."""
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import PoseStamped
         from rclpy.context import Context
@@ -182,7 +188,7 @@ class _Listener:
         transforms = tf_message_type()
         if transforms is not None:
             topics.append((transforms, "/tf", 100))
-        for kind, name, quality in topics:
+        for kind, name, quality in topics if self._everything else ():
             self._node.create_subscription(kind, name, _ignore, quality, raw=True)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._spinner = SpinThread([self._node], self._context)
@@ -190,6 +196,7 @@ class _Listener:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Stop listening."""
         self._spinner.close()
         self._node.destroy_node()
         self._context.try_shutdown()

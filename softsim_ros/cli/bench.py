@@ -54,6 +54,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="measure only the servo bridge on a virtual board: topic to last byte, send period",
     )
     parser.add_argument(
+        "--viewer",
+        action="store_true",
+        help="measure only the web viewer: its load, and the step time with it",
+    )
+    parser.add_argument(
         "--seconds", type=float, default=20.0, metavar="S", help="how long --bridge measures each way (20)"
     )
     parser.add_argument("--check", action="store_true", help="exit with 1 when a target is missed")
@@ -66,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _refuse("--rounds must be at least 1")
     if arguments.bridge:
         return _bridge(arguments)
+    if arguments.viewer:
+        return _viewer(arguments)
     from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
@@ -194,6 +201,33 @@ def _bridge(arguments: argparse.Namespace) -> int:
     for each in figures:
         print("\n".join(each.lines()))
     return 1 if arguments.check and any(each.late for each in figures) else 0
+
+
+def _viewer(arguments: argparse.Namespace) -> int:
+    """Measure the web viewer and print it; 1 where a target is missed and `--check` asks."""
+    try:
+        import rclpy  # noqa: F401
+        import viser  # noqa: F401
+    except ImportError as error:
+        _say(f"softsim bench: --viewer needs ROS 2 and viser: {error}; see softsim doctor")
+        return 1
+    from softsim_ros.benchmark.viewer import CORE_SHARE_LIMIT, STEP_GROWTH_LIMIT, measure_viewer
+
+    print("\n".join(describe_machine()))
+    _say("running the simulator alone and watched in turn, about a minute ...")
+    figures = measure_viewer()
+    print(
+        f"viewer, {figures.vertices} vertices at 30 Hz, one browser: "
+        f"{100.0 * figures.core_share:.1f} % of a core "
+        f"(limit {100.0 * CORE_SHARE_LIMIT:.0f}), {figures.memory_mb:.0f} MB, {figures.megabytes_s:.2f} MB/s"
+    )
+    print(
+        f"step of the simulator: {figures.step_ms_alone:.3f} ms alone, "
+        f"{figures.step_ms_watched:.3f} ms watched: "
+        f"{100.0 * figures.growth:+.1f} % (limit {100.0 * STEP_GROWTH_LIMIT:.0f})"
+    )
+    missed = figures.core_share > CORE_SHARE_LIMIT or figures.growth > STEP_GROWTH_LIMIT
+    return 1 if arguments.check and missed else 0
 
 
 def _say(sentence: str) -> None:

@@ -16,7 +16,7 @@ from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.surface import MM, SurfaceView
 
-CAMERA: Final = ((120.0, -165.0, 110.0), (15.0, 10.0, 5.0))
+CAMERA: Final = ((95.0, -135.0, 90.0), (12.0, 10.0, 4.0))
 """Where the camera starts and what it looks at, in [mm], for a robot of about 100 mm."""
 
 BACKGROUND: Final = (222, 228, 235)
@@ -66,6 +66,8 @@ class Stage:
             section_size=50.0,
             cell_color=(190, 198, 206),
             section_color=(160, 168, 178),
+            fade_distance=2000.0,
+            shadow_opacity=0.0,
             position=(0.0, 0.0, FLOOR_MM),
         )
         scene.add_frame("/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM))

@@ -7,7 +7,9 @@ from typing import Final
 
 from softsim_core.scene.description import JointDescription
 
-STEPS: Final = 1000
+STEP: Final = {"revolute": 0.001, "prismatic": 0.0001, "cable": 0.0001}
+"""Step of a slider in [rad] or [m]."""
+
 FREE_RANGE: Final = {"revolute": math.pi, "prismatic": 0.1, "cable": 0.05}
 """Half width of a slider in [rad] or [m] where a joint has no limit."""
 
@@ -17,10 +19,10 @@ def joint_range(joint: JointDescription) -> tuple[float, float, float]:
     free = FREE_RANGE.get(joint.kind, 1.0)
     lower = joint.limits.lower if math.isfinite(joint.limits.lower) else -free
     upper = joint.limits.upper if math.isfinite(joint.limits.upper) else free
-    return lower, upper, max((upper - lower) / STEPS, 1e-9)
+    return lower, upper, STEP.get(joint.kind, 0.001)
 
 
 def slider_value(joint: JointDescription, position: float) -> float:
-    """The place on a joint's slider that is nearest to a position in [rad] or [m]."""
+    """What a joint's slider shows for a position in [rad] or [m]: within its ends, without idle digits."""
     lower, upper, step = joint_range(joint)
-    return min(max(lower + step * round((position - lower) / step), lower), upper)
+    return min(max(round(position, 1 - round(math.log10(step))), lower), upper)

@@ -1,0 +1,218 @@
+"""What the web viewer costs: processor time of its process, and the simulator's step time with it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import IO, Final
+
+import numpy as np
+
+from softsim_core.mesh import SurfaceMesh, read_surface
+from softsim_core.mesh.writers import write_surface
+from softsim_core.scene.files import config_file, find_config
+from softsim_core.scene.values import Placement
+from softsim_ros.benchmark.process import (
+    NODE_MODULE,
+    Listener,
+    ProcessError,
+    end_process,
+    resident_mb,
+    wait_for_steps,
+)
+
+VIEWER_MODULE: Final = "softsim_ros.viewer.viewer_node"
+CORE_SHARE_LIMIT: Final = 0.10
+"""Largest share of a core that the viewer may need with one browser at 30 frames a second."""
+
+STEP_GROWTH_LIMIT: Final = 0.05
+"""Largest growth of the simulator's step time while a browser watches."""
+
+PAIRS: Final = 4
+SETTLE_S: Final = 3.0
+
+
+@dataclass(frozen=True)
+class ViewerFigures:
+    """What was measured.
+
+    Attributes:
+        vertices: Vertices of the visible surface.
+        core_share: Processor time of the viewer over wall time, [-].
+        megabytes_s: What one browser received, in [MB/s].
+        step_ms_alone, step_ms_watched: Mean step time of the quietest second without and with viewer and
+            browser, in [ms]: what other programs of the machine take is in neither.
+        memory_mb: Resident memory of the viewer in [MB].
+    """
+
+    vertices: int
+    core_share: float
+    megabytes_s: float
+    step_ms_alone: float
+    step_ms_watched: float
+    memory_mb: float
+
+    @property
+    def growth(self) -> float:
+        """Share by which the step time grew."""
+        return self.step_ms_watched / self.step_ms_alone - 1.0
+
+
+def subdivided(surface: SurfaceMesh) -> SurfaceMesh:
+    """Each triangle cut into four at the middles of its edges."""
+    triangles = surface.triangles
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
+    unique, number = np.unique(edges, axis=0, return_inverse=True)
+    a, b, c = triangles.T
+    ab, bc, ca = len(surface.points) + number.reshape(3, -1)
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    points = np.concatenate([surface.points, surface.points[unique].mean(axis=1)])
+    return SurfaceMesh(points, np.concatenate([np.stack(part, axis=1) for part in parts]), surface.name)
+
+
+def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
+    """Run the Tripod on the mid mesh with a visible surface of 2400 vertices, alone and watched in turn.
+
+    Args:
+        seconds: How long each turn is measured, in [s].
+
+    Raises:
+        ProcessError: a process did not run.
+    """
+    domain = 60 + os.getpid() % 40
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        log = stack.enter_context((folder / "log.txt").open("w"))
+        surface = subdivided(read_surface(config_file("meshes/tripod_mid.stl"), Placement()))
+        write_surface(folder / "fine.stl", surface)
+        robot = folder / "tripod_watched.yaml"
+        robot.write_text(
+            f"extends: {find_config('tripod_mid')}\n"
+            "bodies:\n  - name: silicone\n    surface: {file: fine.stl}\n"
+        )
+        simulator = _start(NODE_MODULE, log, environment, f"robot:={robot}")
+        stack.callback(end_process, simulator)
+        listener = stack.enter_context(Listener(domain, "/tripod", everything=False))
+        wait_for_steps(simulator, listener, 300)
+        alone: list[float] = []
+        watched: list[float] = []
+        costs: list[tuple[float, float, float]] = []
+        for _ in range(PAIRS):
+            alone += _steps(listener, seconds)
+            costs.append(_watch_once(listener, watched, log, environment, robot, seconds))
+    return ViewerFigures(
+        len(surface.points),
+        median(cost[0] for cost in costs),
+        median(cost[1] for cost in costs),
+        min(alone),
+        min(watched),
+        max(cost[2] for cost in costs),
+    )
+
+
+def _start(module: str, log: IO[str], environment: dict[str, str], *settings: str) -> subprocess.Popen[bytes]:
+    given = [word for setting in settings for word in ("-p", setting)]
+    return subprocess.Popen(
+        [sys.executable, "-m", module, "--ros-args", *given],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        env=environment,
+        start_new_session=True,
+    )
+
+
+def _steps(listener: Listener, seconds: float) -> list[float]:
+    """Step times in [ms], one a report, over some seconds from now."""
+    first = len(listener.reports) + 1  # the next report still tells of the time before
+    threading.Event().wait(seconds)
+    return [report["step_ms"] for report in listener.reports[first:]]
+
+
+def _watch_once(
+    listener: Listener,
+    watched: list[float],
+    log: IO[str],
+    environment: dict[str, str],
+    robot: Path,
+    seconds: float,
+) -> tuple[float, float, float]:
+    """Share of a core, MB/s to the browser, and memory in [MB] of a viewer with one browser."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    viewer = _start(VIEWER_MODULE, log, environment, f"robot:={robot}", f"port:={port}")
+    browser = Browser(port)
+    try:
+        browser.start()
+        threading.Event().wait(SETTLE_S)
+        began, used, received = time.monotonic(), processor_s(viewer.pid), browser.received
+        watched += _steps(listener, seconds)
+        elapsed = time.monotonic() - began
+        share = (processor_s(viewer.pid) - used) / elapsed
+        return share, (browser.received - received) / elapsed / 1e6, resident_mb(viewer.pid)
+    finally:
+        browser.close()
+        end_process(viewer)
+
+
+def processor_s(pid: int) -> float:
+    """Processor time that a process has used, in [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+class Browser:
+    """Stands at the browser's end of the connection and counts what comes; draws nothing."""
+
+    def __init__(self, port: int) -> None:
+        self._port, self.received = port, 0
+        self._end = threading.Event()
+        self._connected = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
+
+    def start(self, within_s: float = 30.0) -> None:
+        """Connect; waits until the server is there.
+
+        Raises:
+            ProcessError: it did not come.
+        """
+        self._thread.start()
+        if not self._connected.wait(within_s):
+            raise ProcessError(f"the viewer did not serve its page within {within_s:g} s")
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._end.set()
+        self._thread.join(5.0)
+
+    async def _run(self) -> None:
+        import viser
+        from websockets.asyncio.client import connect
+        from websockets.exceptions import WebSocketException
+        from websockets.typing import Subprotocol
+
+        protocol = Subprotocol(f"viser-v{viser.__version__}")
+        while not self._end.is_set():
+            try:
+                address = f"ws://127.0.0.1:{self._port}"
+                async with connect(address, subprotocols=[protocol], max_size=None) as connection:
+                    self._connected.set()
+                    while not self._end.is_set():
+                        data = await asyncio.wait_for(connection.recv(), 5.0)
+                        self.received += len(data)
+            except (OSError, WebSocketException, asyncio.TimeoutError):
+                await asyncio.sleep(0.2)

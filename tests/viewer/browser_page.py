@@ -1,0 +1,105 @@
+"""The viewer's page in a browser, through what a person sees and does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+READY_MS = 90_000
+WAIT_MS = 60_000
+
+NODES = "window.__viserMutable.nodeRefFromName"
+
+PROJECT = f"""([x, y, z]) => {{
+    const camera = window.__viserMutable.camera, root = {NODES}[''];
+    const point = camera.position.clone().set(x, y, z);
+    root.localToWorld(point);
+    point.project(camera);
+    const frame = window.__viserMutable.canvas.getBoundingClientRect();
+    return [frame.left + (point.x + 1) / 2 * frame.width, frame.top + (1 - point.y) / 2 * frame.height];
+}}"""
+
+VERTICES = f"""(name) => {{
+    const found = [];
+    const node = {NODES}[name];
+    if (node) node.traverse(part => {{
+        if (part.geometry && part.geometry.attributes.position)
+            found.push(...part.geometry.attributes.position.array);
+    }});
+    return found;
+}}"""
+
+
+class BrowserPage:
+    """One tab with the page."""
+
+    def __init__(self, browser: Any, address: str, *, width: int = 1000, height: int = 640) -> None:
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        self.context = browser.new_context(viewport={"width": width, "height": height})
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(WAIT_MS)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.goto(address)
+
+    def wait_for_node(self, name: str) -> None:
+        """Wait until a node of the 3-D scene is there."""
+        self.page.wait_for_function(f"window.__viserMutable?.nodeRefFromName?.['{name}']", timeout=READY_MS)
+
+    def wait_until_gone(self, name: str) -> None:
+        """Wait until a node of the 3-D scene is not there any more."""
+        self.page.wait_for_function(f"!{NODES}['{name}']", timeout=WAIT_MS)
+
+    def vertices(self, name: str) -> list[float]:
+        """Coordinates of the vertices on the screen, in mm, one after the other."""
+        return list(self.page.evaluate(VERTICES, name))
+
+    def screen(self, point: tuple[float, float, float]) -> tuple[float, float]:
+        """Where a point in mm is seen, in pixels."""
+        x, y = self.page.evaluate(PROJECT, list(point))
+        return float(x), float(y)
+
+    def tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name, exact=True).click()
+
+    def click(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def tick(self, name: str) -> None:
+        self.page.get_by_role("checkbox", name=name, exact=True).click()
+
+    def number(self, label: str) -> Any:
+        """The number field of a slider."""
+        words = self.page.locator("label").get_by_text(label, exact=True)
+        return words.locator("xpath=../../..").locator("input[type=text]")
+
+    def set_number(self, label: str, value: float) -> None:
+        """Type a number into the field of a slider."""
+        field = self.number(label)
+        field.fill(f"{value:g}")
+        field.press("Enter")
+
+    def press(self, keys: str) -> None:
+        """Press keys over the 3-D view: where a person types a number, they belong to the number."""
+        self.page.evaluate("document.activeElement.blur()")
+        self.page.keyboard.press(keys)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], *, shift: bool = False) -> None:
+        """Press the mouse at one point, move in small steps, and leave the button down."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        if shift:
+            self.page.keyboard.down("Shift")
+        mouse.down()
+        for step in range(1, 11):
+            share = step / 10.0
+            mouse.move(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
+            self.page.wait_for_timeout(30)
+
+    def release(self, *, shift: bool = False) -> None:
+        self.page.mouse.up()
+        if shift:
+            self.page.keyboard.up("Shift")
+
+    def close(self) -> None:
+        self.context.close()

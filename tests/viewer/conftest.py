@@ -1,0 +1,88 @@
+"""Fixtures of the viewer's tests: `softsim up` with its page, and a headless Chromium that looks at it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))  # tests may import `browser_page`
+
+
+def _ros_fixtures() -> ModuleType:
+    """The module of fixtures for tests across processes."""
+    file = Path(__file__).resolve().parents[1] / "ros" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("ros_fixtures", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+_ROS = _ros_fixtures()
+ros_domain, start_process, client = _ROS.ros_domain, _ROS.start_process, _ROS.client
+start_robot, spin_until = _ROS.start_robot, _ROS.spin_until
+Robot, BUILD_DEADLINE_S = _ROS.Robot, _ROS.BUILD_DEADLINE_S
+
+
+def free_port() -> int:
+    """A TCP port that nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of Chromium; a skip without it, or a failure with REQUIRE_CHROMIUM=1."""
+    reason = "" if importlib.util.find_spec("playwright") else "playwright is not installed"
+    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    reason = reason or ("" if found else "no Chromium: apt-get install chromium")
+    if reason and os.environ.get("REQUIRE_CHROMIUM"):
+        pytest.fail(reason)
+    if reason:
+        pytest.skip(reason)
+    return str(found)
+
+
+@pytest.fixture(scope="module")
+def station(
+    start_process: Callable[..., Any], client: Any, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Any, str]:
+    """The Tripod as `softsim up` runs it: simulator, bridge on a virtual board, inverse control, page."""
+    pytest.importorskip("viser")
+    port = free_port()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
+        process = start_process(
+            "softsim_ros.cli", "up", "tripod", "--headless", "--inverse", "--lite", "--port", str(port)
+        )
+    assert process.says("open http", BUILD_DEADLINE_S), process.output
+    return Robot(process, client), f"http://127.0.0.1:{port}/"
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Any]:
+    """A headless Chromium with software WebGL."""
+    from playwright.sync_api import sync_playwright
+
+    arguments = [
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--ignore-gpu-blocklist",
+        "--disable-dev-shm-usage",
+    ]
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=chromium, headless=True, args=arguments)
+        yield running
+        running.close()

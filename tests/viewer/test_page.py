@@ -1,0 +1,316 @@
+"""The page of `softsim up` in headless Chromium: what it shows, what its controls do on ROS topics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from browser_page import BrowserPage
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from lifecycle_msgs.srv import GetState
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+BODY = "/bodies/silicone"
+START, MID, HIGH = -1.4965, -1.0466666666666667, -0.785
+WAIT_S = 60.0
+SETTLE_MS = 250
+HELD_MS = 1000
+"""A key pressed again later than this is not taken for one that is held down."""
+
+
+class Driven:
+    """The page together with what its robot says on its topics."""
+
+    def __init__(self, page: BrowserPage, robot: Any, spin_until: Callable[..., bool]) -> None:
+        self.page, self.robot, self._spin_until = page, robot, spin_until
+        client = robot.client
+        self.states = client.collect(JointState, "joint_states", 5)
+        self.commands = client.collect(Float64MultiArray, "position_controller/commands", 50)
+        self.goals = client.collect(PoseStamped, "effector_goal", 50)
+        self.wrenches = client.collect(WrenchStamped, "external_wrench", 50)
+        assert self.until(lambda: self.states)
+
+    def until(self, condition: Callable[[], Any]) -> bool:
+        return self._spin_until(condition, WAIT_S)
+
+    def shows(self, text: str) -> bool:
+        """Whether the page comes to show a text."""
+        self.page.page.get_by_text(text).first.wait_for(state="visible")
+        return True
+
+    def joints_at(self, *wanted: float) -> bool:
+        """Whether the joints come to stand still at these positions, and the page has heard of it."""
+
+        def there() -> bool:
+            state = self.states[-1]
+            near = all(abs(a - b) < 0.01 for a, b in zip(state.position, wanted, strict=True))
+            return near and max(map(abs, state.velocity)) < 0.01
+
+        found = self.until(there)
+        self.page.page.wait_for_timeout(SETTLE_MS)
+        return found
+
+    def commanded(self, before: int, *wanted: float) -> bool:
+        """Whether a command with these positions came after the first `before` ones."""
+
+        def came() -> bool:
+            return any(
+                all(abs(a - b) < 0.02 for a, b in zip(command.data, wanted, strict=True))
+                for command in self.commands[before:]
+            )
+
+        return self.until(came)
+
+    def bridge_state(self) -> str:
+        answer = self.robot.client.call(GetState, "servo_bridge/get_state")
+        return str(answer.current_state.label)
+
+    def to_mid(self) -> None:
+        """Running, inverse control off, joints at the mid pose."""
+        assert self.robot.pause(False)[0]
+        off = self.robot.client.call(SetBool, "inverse_controller/enable", SetBool.Request(data=False))
+        assert off.success, off.message
+        assert self.shows("inverse off")
+        self.robot.command([MID] * 3)
+        assert self.joints_at(MID, MID, MID), self.robot.process.output
+
+
+@pytest.fixture(scope="module")
+def driven(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool]) -> Iterator[Driven]:
+    robot, address = station
+    page = BrowserPage(browser, address)
+    page.wait_for_node(BODY)
+    result = Driven(page, robot, spin_until)
+    assert result.shows("running")
+    yield result
+    page.close()
+
+
+def test_the_page_asks_nobody_else(driven: Driven, station: tuple[Any, str]) -> None:
+    own = (station[1], f"blob:{station[1]}", "data:")
+    assert driven.page.requests[0] == station[1]
+    assert [url for url in driven.page.requests if not url.startswith(own)] == []
+    assert driven.page.errors == []
+
+
+def test_the_body_on_the_screen_moves_when_a_command_arrives(driven: Driven) -> None:
+    before = driven.page.vertices(BODY)
+    assert len(before) > 1000
+    driven.robot.command([HIGH, START, MID])
+    assert driven.joints_at(HIGH, START, MID)
+
+    def moved() -> bool:
+        driven.page.page.wait_for_timeout(100)
+        now = driven.page.vertices(BODY)
+        return max(abs(a - b) for a, b in zip(before, now, strict=True)) > 5.0
+
+    assert driven.until(moved)
+
+
+def test_every_key_acts_with_ctrl_and_leaves_the_camera(driven: Driven) -> None:
+    page = driven.page
+    position = "window.__viserMutable.camera.position.toArray()"
+    driven.to_mid()
+    camera = page.page.evaluate(position)
+    at = [MID, MID, MID]
+    for keys, joint, step in (
+        ("Control+ArrowUp", 0, 0.1),
+        ("Control+ArrowDown", 0, -0.1),
+        ("Control+ArrowLeft", 1, 0.1),
+        ("Control+ArrowRight", 1, -0.1),
+        ("Control+Shift++", 2, 0.1),
+        ("Control+-", 2, -0.1),
+    ):
+        before = len(driven.commands)
+        at[joint] += step
+        page.press(keys)
+        assert driven.commanded(before, *at), keys
+        assert driven.joints_at(*at), keys
+    for keys, pose in (("Control+z", HIGH), ("Control+q", MID)):
+        page.press(keys)
+        assert driven.joints_at(pose, pose, pose), keys
+    page.press("Control+a")
+    assert driven.joints_at(START, START, START)
+    for keys, first, second in (
+        ("Control+Space", "paused", "running"),
+        ("Control+b", "bridge comm", "bridge no-comm"),
+        ("Control+i", "inverse on", "inverse off"),
+    ):
+        page.press(keys)
+        assert driven.shows(first), keys
+        page.page.wait_for_timeout(HELD_MS)
+        page.press(keys)
+        assert driven.shows(second), keys
+    page.press("Control+r")
+    assert driven.joints_at(0.0, 0.0, 0.0)
+    assert page.page.evaluate(position) == pytest.approx(camera, abs=1e-6)
+
+
+def test_every_button_acts(driven: Driven) -> None:
+    page = driven.page
+    driven.to_mid()
+    page.tab("Drive")
+    at = [MID, MID, MID]
+    for label, joint, step in (
+        ("Ctrl+Up: servo 0 up", 0, 0.1),
+        ("Ctrl+Down: servo 0 down", 0, -0.1),
+        ("Ctrl+Left: servo 1 up", 1, 0.1),
+        ("Ctrl+Right: servo 1 down", 1, -0.1),
+        ("Ctrl+Plus: servo 2 up", 2, 0.1),
+        ("Ctrl+Minus: servo 2 down", 2, -0.1),
+    ):
+        at[joint] += step
+        page.click(label)
+        assert driven.joints_at(*at), label
+    for label, pose in (
+        ("Ctrl+Z: high pose", HIGH),
+        ("Ctrl+Q: mid pose", MID),
+        ("Ctrl+A: start pose", START),
+    ):
+        page.click(label)
+        assert driven.joints_at(pose, pose, pose), label
+    page.click("Run / pause")
+    assert driven.shows("paused")
+    stamp = driven.states[-1].position
+    page.click("Step")
+    assert driven.shows("done")
+    assert driven.states[-1].position is not stamp
+    page.click("Run / pause")
+    assert driven.shows("running")
+    page.click("Reset")
+    assert driven.joints_at(0.0, 0.0, 0.0)
+    page.click("Start / stop sending")
+    assert driven.until(lambda: driven.bridge_state() == "active")
+    page.click("E-STOP")
+    assert driven.shows("e-stop latched")
+    page.click("Release e-stop")
+    assert driven.shows("no e-stop")
+    page.click("Start / stop sending")
+    assert driven.until(lambda: driven.bridge_state() == "inactive")
+
+
+def test_sliders_command_joints_and_tune_the_material(driven: Driven) -> None:
+    page = driven.page
+    driven.to_mid()
+    page.tab("Drive")
+    page.set_number("servo_1", -1.3)
+    assert driven.joints_at(MID, -1.3, MID)
+    page.tab("Tune")
+    for label, parameter, shown, value in (
+        ("Young modulus of silicone [kPa]", "young_modulus", 500.0, 500.0e3),
+        ("Poisson ratio of silicone", "poisson_ratio", 0.4, 0.4),
+        ("Damping per stiffness [s]", "rayleigh_stiffness", 0.02, 0.02),
+        ("Damping per mass [1/s]", "rayleigh_mass", 2.0, 2.0),
+        ("Speed [× real time]", "speed", 0.5, 0.5),
+    ):
+        before = driven.robot.get_parameter(parameter)
+        page.set_number(label, shown)
+        assert driven.until(lambda p=parameter, v=value: driven.robot.get_parameter(p) == pytest.approx(v))
+        assert driven.robot.set_parameters(**{parameter: before}) == (True, "")
+
+
+def test_a_dragged_goal_arrives_on_its_topic_and_the_robot_follows(driven: Driven) -> None:
+    page = driven.page
+    assert driven.robot.trigger("start")[0]  # the servos slide in: there the robot does not snap through
+    assert driven.joints_at(START, START, START)
+    driven.to_mid()
+    page.page.wait_for_timeout(HELD_MS)
+    page.press("Control+i")
+    assert driven.shows("inverse on")
+    page.wait_for_node("/goal/ball")
+    center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
+    x, y, z = center
+    before = len(driven.goals)
+    page.drag(page.screen((x, y, z + 18.0)), page.screen((x, y, z + 14.0)))
+    page.release()
+    assert driven.until(lambda: len(driven.goals) > before)
+    goal = driven.goals[-1].pose.position
+    assert 1e3 * goal.z == pytest.approx(z - 4.0, abs=2.0)
+    poses = driven.robot.client.collect(PoseStamped, "effector_pose", 5)
+    assert driven.until(lambda: poses and abs(poses[-1].pose.position.z - goal.z) < 5e-4)
+    page.page.wait_for_timeout(HELD_MS)
+    page.press("Control+i")
+    assert driven.shows("inverse off")
+    page.wait_until_gone("/goal/ball")
+
+
+def test_shift_drag_pulls_the_body(driven: Driven) -> None:
+    page = driven.page
+    driven.to_mid()
+    vertices = page.vertices(BODY)
+    points = list(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True))
+    arm = [point for point in points if 12.0 < math.hypot(*point[:2]) < 20.0 and point[0] > 0.0]
+    grip = page.screen(max(arm, key=lambda point: point[2]))
+    page.drag((grip[0], grip[1] + 2.0), (grip[0], grip[1] - 60.0), shift=True)
+    assert driven.until(lambda: len(driven.wrenches) > 10)
+    last = driven.wrenches[-1]
+    page.release(shift=True)
+    assert last.header.frame_id.startswith("mesh_point/")
+    assert last.wrench.force.z > 0.1  # upwards, as the mouse went
+    page.page.wait_for_timeout(500)
+    count = len(driven.wrenches)
+    page.page.wait_for_timeout(500)
+    assert len(driven.wrenches) == count  # let go
+
+
+def test_two_browsers_agree(driven: Driven, browser: Any, station: tuple[Any, str]) -> None:
+    other = BrowserPage(browser, station[1])
+    try:
+        other.wait_for_node(BODY)
+        driven.to_mid()
+        driven.page.tab("Drive")
+        driven.page.set_number("servo_0", -1.2)
+        assert driven.joints_at(-1.2, MID, MID)
+        assert driven.until(lambda: abs(float(other.number("servo_0").input_value()) + 1.2) < 0.01)
+        other.tab("View")
+        other.tick("Stress colours")
+        driven.page.wait_for_node("/stress/00")
+        driven.page.wait_until_gone(BODY)
+        other.tick("Stress colours")
+        driven.page.wait_for_node(BODY)
+
+        def same() -> bool:
+            driven.page.page.wait_for_timeout(200)
+            pairs = zip(driven.page.vertices(BODY), other.vertices(BODY), strict=True)
+            return max(abs(a - b) for a, b in pairs) < 0.05
+
+        assert driven.until(same)
+    finally:
+        other.close()
+
+
+def test_what_lies_inside_can_be_switched_on(driven: Driven) -> None:
+    page = driven.page
+    page.tab("View")
+    for words, node in (
+        ("Finite elements", "/elements"),
+        ("Nodes", "/nodes"),
+        ("Rigid zones and fixings", "/zones/centre"),
+    ):
+        page.tick(words)
+        page.wait_for_node(node)
+        page.tick(words)
+        page.wait_until_gone(node)
+    page.tab("Timing")
+    assert driven.shows("mean ms")
+    assert driven.shows("publishing")
+    page.tab("Scene")
+    assert driven.shows("A whole scene or robot")
+
+
+def test_another_scene_takes_its_place_and_the_tripod_comes_back(driven: Driven) -> None:
+    page = driven.page
+    assert driven.robot.set_parameters(robot="parts/servo") == (True, "")
+    page.wait_until_gone(BODY)
+    assert driven.robot.set_parameters(robot="tripod") == (True, "")
+    page.wait_for_node(BODY)
+    driven.to_mid()

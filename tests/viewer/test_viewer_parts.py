@@ -1,0 +1,175 @@
+"""What the page is made of: bands of stress, shapes, hotkeys, properties, tuning, pulls."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softsim_core import load_scene
+from softsim_core.scene.description import KeyBinding
+from softsim_ros.viewer import readings
+from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
+from softsim_ros.viewer.marker_view import MarkerView, marker_colour, marker_points
+from softsim_ros.viewer.properties import parts_of
+from softsim_ros.viewer.pull import Pull
+from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines, tetrahedra_edges
+from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
+from softsim_ros.viewer.tuning import tunables
+from softsim_ros.viewer.units import joint_range, slider_value
+
+pytestmark = pytest.mark.ros
+
+TRIPOD = load_scene("tripod")
+
+
+def test_triangles_fall_into_bands_by_the_mean_of_their_corners() -> None:
+    stress = np.array([0.0, 0.0, 0.0, 120.0, 120.0, 1000.0])
+    triangles = np.array([[0, 1, 2], [0, 1, 3], [3, 4, 5], [5, 5, 5]])
+    assert bands_of(stress, triangles, 120.0).tolist() == [0, 4, BANDS - 1, BANDS - 1]
+    assert bands_of(stress, triangles, 0.0).tolist() == [0, 0, 0, 0]
+
+
+def test_band_colours_grow_lighter() -> None:
+    lightness = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in band_colours()]
+    assert len(lightness) == BANDS
+    assert lightness == sorted(lightness)
+
+
+def test_compact_keeps_the_triangles_where_they_are() -> None:
+    points = np.random.default_rng(5).normal(size=(40, 3))
+    triangles = np.array([[7, 3, 39], [3, 7, 20]])
+    used, numbered = compact(triangles, len(points))
+    assert used.tolist() == [3, 7, 20, 39]
+    assert np.array_equal(points[used][numbered], points[triangles])
+
+
+@pytest.mark.parametrize(("value", "top"), [(0.0, 1.0), (1.0, 1.0), (1.1, 2.0), (4.0, 5.0), (6e5, 1e6)])
+def test_scales_end_at_round_numbers(value: float, top: float) -> None:
+    assert round_up(value) == pytest.approx(top)
+
+
+def test_wire_frames_have_the_size_of_their_regions() -> None:
+    lines = box_lines((1.0, 2.0, 3.0), (2.0, 4.0, 6.0), (0.0, 0.0, 90.0))
+    assert lines.shape == (12, 2, 3)
+    assert lines.reshape(-1, 3).min(axis=0) == pytest.approx([-1.0, 1.0, 0.0])
+    circles = sphere_lines((0.0, 0.0, 1.0), 0.5)
+    assert np.linalg.norm(circles.reshape(-1, 3) - (0.0, 0.0, 1.0), axis=1) == pytest.approx(0.5)
+
+
+def test_elements_shrink_about_their_centres() -> None:
+    points = np.vstack([np.zeros(3), np.eye(3)])
+    vertices, faces = shrunk_faces(points, np.array([[0, 1, 2, 3]]), 0.5)
+    assert vertices.mean(axis=0) == pytest.approx(points.mean(axis=0))
+    corner = vertices[faces]
+    volume = np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6.0
+    assert volume == pytest.approx(0.125 / 6.0)  # outward faces
+    assert len(tetrahedra_edges(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 9
+
+
+def test_every_key_of_the_robot_has_a_hotkey_and_a_label() -> None:
+    keys = page_keys(TRIPOD)
+    assert set(TRIPOD.keys) <= set(keys)
+    assert "x" not in keys  # quits a terminal, not a page
+    assert hotkeys("up") == [("arrowup", "cmd/ctrl")]
+    assert len(hotkeys("plus")) == 3
+    assert key_label("plus", keys["plus"]) == "Ctrl+Plus: servo 2 up"
+    robot = dataclasses.replace(TRIPOD, keys={"x": KeyBinding(pose="mid", help="own")})
+    assert "x" in page_keys(robot)
+
+
+def test_every_part_tells_what_it_is() -> None:
+    parts = parts_of(TRIPOD)
+    assert "tripod/bodies/silicone/material" in parts
+    assert all(part.help for part in parts.values())
+    rows = {name: (value, text) for name, value, text in parts["tripod/joints/servo_0"].properties}
+    assert rows["horn_length"] == ("0.025", "Length in [m] of the servo arm, for pictures only.")
+
+
+def test_sliders_start_within_their_ranges() -> None:
+    for tunable in tunables(TRIPOD):
+        if not tunable.is_switch:
+            assert tunable.lower <= tunable.start <= tunable.upper
+            assert tunable.shown(tunable.si(tunable.start)) == pytest.approx(tunable.start)
+    young = next(t for t in tunables(TRIPOD) if t.name == "young_modulus")
+    assert (young.lower, young.upper, young.si(500.0)) == (10.0, 2000.0, 500.0e3)
+    for joint in TRIPOD.joints:
+        lower, upper, _ = joint_range(joint)
+        assert (lower, upper) == (-2.0225, -0.0255)
+        assert slider_value(joint, 3.0) == upper
+        assert slider_value(joint, -1.04666666) == -1.0467
+
+
+def test_a_pull_is_a_spring_with_a_limit() -> None:
+    points = np.zeros((3, 3), np.float32)
+    pull = Pull(1, np.array([1.0, 0.0, 0.0]), np.array([11.0, 0.0, 0.0]))
+    assert pull.force(points, stiffness=30.0, limit=2.0) == pytest.approx([0.3, 0.0, 0.0])
+    assert pull.force(points, stiffness=1e6, limit=2.0) == pytest.approx([2.0, 0.0, 0.0])
+
+
+def test_readings_escape_what_they_show() -> None:
+    assert "<script>" not in readings.sentence("<script>alert(1)</script>")
+    bars = readings.joint_bars(TRIPOD.joints, (-1.0, -1.0, 0.0), (-1.2, -1.0, 0.0), (0.1, 0.2, 0.3))
+    assert bars.count(readings.AMBER) == 1  # one outside its limits
+    assert "-1.0000 rad (-57.3 deg)" in bars
+    assert "no joint states" in readings.joint_bars(TRIPOD.joints, None, None, ())
+    table = readings.stage_table({"step": {"calls": "100", "mean_ms": "0.5", "percent": "80"}})
+    assert "<td>step</td>" in table
+    assert readings.pressure(2500.0) == "2.5 kPa"
+
+
+class Drawn:
+    """Stands for a thing in the 3-D view: keeps what it was given."""
+
+    def __init__(self, **given: object) -> None:
+        self.__dict__.update(given, visible=True, removed=False)
+
+    def remove(self) -> None:
+        self.removed = True
+
+
+class Canvas:
+    """Records what is drawn, by name."""
+
+    def __init__(self) -> None:
+        self.drawn: dict[str, Drawn] = {}
+
+    def add_line_segments(self, name: str, points: object, colour: object, **more: object) -> Drawn:
+        self.drawn[name] = Drawn(points=points, **more)
+        return self.drawn[name]
+
+    add_point_cloud = add_line_segments
+
+
+def marker(kind: int, name: str, points: list[tuple[float, float, float]]) -> Marker:
+    made = Marker(ns=name, type=kind, color=ColorRGBA(r=1.0, a=1.0))
+    made.points = [Point(x=x, y=y, z=z) for x, y, z in points]
+    return made
+
+
+def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
+    canvas = Canvas()
+    view = MarkerView(canvas, "cables")
+    line = marker(Marker.LINE_STRIP, "line", [(0, 0, 0), (0.01, 0, 0), (0.02, 0, 0)])
+    pull = marker(Marker.SPHERE, "pull", [])
+    pull.pose.position.z = 0.005
+    view.update(MarkerArray(markers=[line, pull]))
+    strip, dot = canvas.drawn["/cables/line_0"], canvas.drawn["/cables/pull_0"]
+    assert strip.points.shape == (2, 2, 3)
+    assert strip.points[1, 1].tolist() == [20.0, 0.0, 0.0]
+    assert dot.points.tolist() == [[0.0, 0.0, 5.0]]
+    assert marker_colour(line) == (255, 0, 0)
+    line.points[2].x = 0.03
+    view.update(MarkerArray(markers=[line]))
+    assert strip.points[1, 1].tolist() == [30.0, 0.0, 0.0]
+    assert dot.removed
+    view.switch(False)
+    assert not strip.visible
+    assert marker_points(line).dtype == np.float32
