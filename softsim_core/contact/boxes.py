@@ -20,7 +20,8 @@ class Boxes(NamedTuple):
         node: Box of each tree node, shape (N, 6).
         triangle: Box of each triangle, shape (T, 6).
         normal: Unit normal of each triangle, shape (T, 3).
-        nearest: Nearest opposed point of the other surface to each vertex, of the pair at hand, shape (V,).
+        nearest: How far each vertex is, for the pair at hand, from the nearest place of the other surface
+            that has it outside, that has it inside, and that faces its own surface, in [m], shape (V, 3).
         stack: Pairs of nodes still to be compared, shape (depth, 2).
     """
 
@@ -40,7 +41,7 @@ def allocate(topology: Topology) -> Boxes:
         node=np.zeros((nodes, 6)),
         triangle=np.zeros((triangles, 6)),
         normal=np.zeros((triangles, 3)),
-        nearest=np.full(len(topology.radius), np.inf),
+        nearest=np.full((len(topology.radius), 3), np.inf),
         stack=np.zeros((4 * nodes + 16, 2), dtype=np.int64),
     )
 

@@ -57,13 +57,15 @@ def meet_vertices(
             outward = edge_normal(edge, topology.sides, normals)
         elif vertex >= 0:
             outward = vertex_normal(vertex, points, topology.fan_start, topology.fan, triangles, normals)
+        inside = dot(gap, outward) < 0.0
+        if inside and feature != FACE and topology.closed[sb if first else sa] == 0:
+            continue  # behind the rim of an open surface
+        boxes.nearest[v, int(inside)] = min(boxes.nearest[v, int(inside)], distance)
         if radius == 0.0 and not _opposed(v, outward, topology.fan_start, topology.fan, normals):
             continue
-        inside = dot(gap, outward) < 0.0
-        closed = topology.closed[sb if first else sa] == 1
-        if inside and (distance > 0.5 * reach or not (feature == FACE or closed)):
+        if inside and distance > 0.5 * reach:
             continue
-        boxes.nearest[v] = min(boxes.nearest[v], distance)
+        boxes.nearest[v, 2] = min(boxes.nearest[v, 2], distance)
         if vertex >= 0 and radius == 0.0 and not first:
             continue  # two vertices: met from the first surface
         if edge >= 0 and not _edge_is_closest(edge, q, gap, _EXACT, topology.opposite, points):

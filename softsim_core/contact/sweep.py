@@ -158,14 +158,17 @@ def _sift(
 ) -> int:
     """Keep, of the contacts of one pair, those that count; returns the new end.
 
-    Left out: contacts of a vertex inside the other surface that are not its nearest, a vertex twice at one
-    point (on an edge between coplanar triangles), and points of one body that belong together at rest.
+    Left out: contacts from inside of a vertex that the nearest place has outside, or that are not its
+    nearest; a vertex twice at one point (on an edge between coplanar triangles); points of one body that
+    belong together at rest.
     """
     kept = begin
     for k in range(begin, end):
         v = found.seeker[k]
-        if v >= 0 and found.depth[k] > boxes.nearest[v] * (1.0 + 1e-9):
-            continue
+        if found.depth[k] > 0.0:
+            nearest = boxes.nearest[v]
+            if nearest[0] < nearest[1] or found.depth[k] > nearest[2] * (1.0 + 1e-9):
+                continue
         if least_rest >= 0.0 and _squared_gap(k, rest_points, found) <= least_rest * least_rest:
             continue
         twice = False

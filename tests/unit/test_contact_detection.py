@@ -1,0 +1,236 @@
+"""Contact detection on shapes whose contacts are known."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softsim_core.contact import CollisionSurface, Detector, Proximities
+from softsim_core.mesh import boundary_surface, box_mesh
+from softsim_core.scene.objects import ContactSettings
+
+SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001)
+REACH = 0.004
+
+
+class Scene:
+    """Surfaces over one array of vertices."""
+
+    def __init__(self) -> None:
+        self.surfaces: list[CollisionSurface] = []
+        self.parts: list[np.ndarray] = []
+
+    def add(self, points: np.ndarray, triangles: np.ndarray, owner: int | None = None, *groups: str) -> slice:
+        """Append a surface of triangles; by default of a body of its own."""
+        start = sum(map(len, self.parts))
+        own = slice(start, start + len(points))
+        self.surfaces.append(
+            CollisionSurface(
+                name=f"surface {len(self.surfaces)}",
+                vertices=own,
+                triangles=triangles + start,
+                owner=len(self.surfaces) if owner is None else owner,
+                groups=frozenset(groups),
+            )
+        )
+        self.parts.append(np.asarray(points, dtype=np.float64))
+        return own
+
+    def box(self, size: tuple[float, float, float], centre: tuple[float, ...], cells=(1, 1, 1)) -> slice:
+        """Append a box."""
+        shape = boundary_surface(box_mesh(size, cells))
+        return self.add(shape.points - shape.points.mean(axis=0) + centre, shape.triangles)
+
+    def ball(self, radius: float, centre: tuple[float, ...]) -> slice:
+        """Append a sphere."""
+        start = sum(map(len, self.parts))
+        own = slice(start, start + 1)
+        name, owner = f"surface {len(self.surfaces)}", len(self.surfaces)
+        self.surfaces.append(CollisionSurface(name=name, vertices=own, owner=owner, radius=radius))
+        self.parts.append(np.array([centre], dtype=np.float64))
+        return own
+
+    @property
+    def points(self) -> np.ndarray:
+        """All vertices."""
+        return np.concatenate(self.parts)
+
+    def detect(self, reach: float = REACH) -> Proximities:
+        """Contacts in the pose of the construction."""
+        return Detector(tuple(self.surfaces), self.points, SETTINGS).detect(self.points, reach)
+
+
+def plane(scene: Scene, half: float = 0.1) -> slice:
+    """Two triangles at z = 0 that look up."""
+    corners = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
+    return scene.add(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+@pytest.mark.parametrize("gap", [0.0035, 0.001, 0.0, -0.0015])
+def test_a_cube_on_a_plane_stands_on_its_four_corners(gap: float) -> None:
+    scene = Scene()
+    plane(scene)
+    scene.box((0.04, 0.04, 0.04), (0.003, 0.007, 0.02 + gap))
+    near = scene.detect()
+    np.testing.assert_allclose(near.distance, gap, atol=1e-15)
+    np.testing.assert_allclose(
+        near.normal, [[0.0, 0.0, -1.0]] * len(near.key), atol=1e-12
+    )  # down: a is the plane
+    corners = {int(b[weights.argmax()]) for b, weights in zip(near.b, near.b_weights, strict=True)}
+    assert len(corners) == len(near.key) == 4
+
+
+def test_two_bricks_laid_crosswise_touch_where_their_edges_cross() -> None:
+    scene = Scene()
+    scene.box((0.08, 0.02, 0.02), (0.0, 0.0, 0.0))
+    scene.box((0.02, 0.08, 0.02), (0.0, 0.0, 0.022))
+    near = scene.detect()
+    np.testing.assert_allclose(near.distance, 0.002, atol=1e-12)
+    np.testing.assert_allclose(near.normal, [[0.0, 0.0, -1.0]] * 4, atol=1e-9)
+    spots = np.einsum("kc,kci->ki", near.a_weights, scene.points[near.a])[:, :2]
+    assert {tuple(np.round(spot, 9)) for spot in spots} == {
+        (x, y) for x in (-0.01, 0.01) for y in (-0.01, 0.01)
+    }
+
+
+@pytest.mark.parametrize("gap", [0.003, 0.0005, -0.001, -0.0014])
+def test_thin_sheets_see_each_other_s_near_side_only(gap: float) -> None:
+    scene = Scene()
+    scene.box((0.06, 0.06, 0.002), (0.0, 0.0, 0.0), (5, 5, 1))
+    scene.box((0.06, 0.06, 0.002), (0.004, 0.003, 0.002 + gap), (4, 4, 1))
+    near = scene.detect(0.005)
+    facing = np.abs(near.normal[:, 2]) > 0.999
+    assert (near.normal[facing, 2] < 0.0).all()
+    np.testing.assert_allclose(near.distance[facing], gap, atol=1e-12)
+    assert facing.sum() >= 16
+
+
+@pytest.mark.parametrize(
+    ("centre", "distance", "normal"),
+    [
+        pytest.param((0.0, 0.0, 0.027), 0.002, (0, 0, 1), id="face"),
+        pytest.param((0.0, 0.0, 0.024), -0.001, (0, 0, 1), id="face_pressed"),
+        pytest.param((0.0, 0.0, 0.0195), -0.0055, (0, 0, 1), id="centre_below_the_face"),
+        pytest.param((0.024, 0.0, 0.024), 0.004 * 2**0.5 - 0.005, (1, 0, 1), id="edge"),
+        pytest.param((0.024, 0.024, 0.024), 0.004 * 3**0.5 - 0.005, (1, 1, 1), id="corner"),
+    ],
+)
+@pytest.mark.parametrize("ball_first", [True, False])
+def test_a_ball_on_a_cube(centre, distance: float, normal, ball_first: bool) -> None:
+    scene = Scene()
+    if ball_first:
+        scene.ball(0.005, centre)
+    scene.box((0.04, 0.04, 0.04), (0.0, 0.0, 0.0))
+    if not ball_first:
+        scene.ball(0.005, centre)
+    near = scene.detect()
+    assert near.distance.tolist() == [pytest.approx(distance, abs=1e-12)]
+    outward = np.array(normal) / np.linalg.norm(normal)
+    np.testing.assert_allclose(near.normal[0], outward if ball_first else -outward, atol=1e-9)
+
+
+def test_balls_touch_balls() -> None:
+    scene = Scene()
+    scene.ball(0.010, (0.0, 0.0, 0.0))
+    scene.ball(0.005, (0.0, 0.016, 0.0))
+    near = scene.detect()
+    assert near.distance.tolist() == [pytest.approx(0.001)]
+    np.testing.assert_allclose(near.normal, [[0.0, -1.0, 0.0]], atol=1e-12)
+
+
+def test_a_ball_in_a_corner_touches_every_wall() -> None:
+    scene = Scene()
+    for axis in range(3):
+        corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
+        scene.add(np.roll(corners, axis, axis=1), np.array([[0, 1, 2], [0, 2, 3]]))
+    scene.ball(0.005, (0.006, 0.007, 0.008))
+    near = scene.detect()
+    assert sorted(near.distance) == pytest.approx([0.001, 0.002, 0.003])
+    np.testing.assert_allclose(np.abs(near.normal).sum(axis=1), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("height", [0.0005, 0.002])
+def test_a_ball_rolls_over_the_edge_between_coplanar_triangles(height: float) -> None:
+    scene = Scene()
+    plane(scene)
+    scene.ball(0.003, (0.02, 0.02, 0.003 + height))  # over the diagonal
+    near = scene.detect()
+    assert near.distance.tolist() == [pytest.approx(height)]
+    np.testing.assert_allclose(near.normal, [[0.0, 0.0, -1.0]], atol=1e-9)
+
+
+def test_walls_of_one_body_meet_only_where_they_were_apart_at_rest() -> None:
+    """Two walls of a notch that start from one line: near the line they never count."""
+    scene = Scene()
+    wall = np.array([[0.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.02, 0.01, 0.0], [0.02, 0.0, 0.0]])
+    triangles = np.array([[0, 3, 2], [0, 2, 1]])  # looks to +z
+    other = wall @ np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    scene.add(wall, triangles, 0, "1")
+    scene.add(other, triangles[:, ::-1], 0, "2")
+    rest = scene.points
+    detector = Detector(tuple(scene.surfaces), rest, SETTINGS)
+    assert len(detector.detect(rest, REACH).key) == 0
+    closed = rest.copy()
+    closed[4:] = wall + np.outer([0, 0, 1, 1], [0.0, 0.0, 0.002])
+    near = detector.detect(closed, REACH)
+    assert near.distance.min() == pytest.approx(0.002, rel=0.02)
+    assert (near.normal[:, 2] < -0.9).all()
+
+
+def test_contacts_keep_their_keys_while_things_move_a_little() -> None:
+    scene = Scene()
+    plane(scene)
+    box = scene.box((0.04, 0.04, 0.04), (0.003, 0.007, 0.022))
+    points = scene.points
+    detector = Detector(tuple(scene.surfaces), points, SETTINGS)
+    before = detector.detect(points, REACH)
+    points[box] += [1e-4, 2e-4, -1e-4]
+    after = detector.detect(points, REACH)
+    np.testing.assert_array_equal(before.key, after.key)
+    again = Detector(tuple(scene.surfaces), scene.points, SETTINGS).detect(points, REACH)
+    for one, other in zip(after, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_more_contacts_than_there_was_room_for_are_all_found() -> None:
+    scene = Scene()
+    scene.box((0.06, 0.06, 0.004), (0.0, 0.0, 0.0), (30, 30, 1))
+    scene.box((0.06, 0.06, 0.004), (0.0003, 0.0002, 0.005), (30, 30, 1))
+    assert len(scene.detect(0.002).key) > 1700
+
+
+def test_plain_python_finds_what_the_compiled_kernels_find() -> None:
+    """Without Numba the same functions run uncompiled."""
+    code = (
+        "import json\n"
+        "from test_contact_detection import Scene, plane\n"
+        "scene = Scene()\n"
+        "plane(scene)\n"
+        "scene.box((0.04, 0.04, 0.04), (0.003, 0.007, 0.021))\n"
+        "scene.ball(0.004, (0.026, 0.0, 0.02))\n"
+        "print(json.dumps([each.tolist() for each in scene.detect()]))\n"
+    )
+    scene = Scene()
+    plane(scene)
+    scene.box((0.04, 0.04, 0.04), (0.003, 0.007, 0.021))
+    scene.ball(0.004, (0.026, 0.0, 0.02))
+    answer = subprocess.run(
+        [sys.executable, "-c", code],
+        env={
+            **os.environ,
+            "NUMBA_DISABLE_JIT": "1",
+            "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+        },
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    for plain, compiled in zip(json.loads(answer.stdout), scene.detect(), strict=True):
+        np.testing.assert_allclose(plain, compiled, atol=1e-12)
