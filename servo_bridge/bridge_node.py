@@ -29,7 +29,7 @@ from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
 from servo_bridge.lifecycle import GuardedLifecycleNode
-from servo_bridge.ports import find_again, stable_name
+from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.process import run_node
 from servo_bridge.recovery import Recovery
 from servo_bridge.writer import PeriodicThread
@@ -71,7 +71,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._recovery = Recovery(RETRY_JITTER)
         self._writer: PeriodicThread | None = None
         self._lost: PortError | None = None  # told by the writer, handled by the executor
-        self._stable_port = ""  # the open port under a name that outlives a new number
+        self._stable_port = ""  # name of the configured board that outlives its number; empty: none
         self._calibration = ""
         self._imu_frame = ""
         self._source_subscription: Subscription | None = None
@@ -172,7 +172,7 @@ class ServoBridge(GuardedLifecycleNode):
             on_tilt=self._on_tilt,
         )
         self._imu_frame = settings.imu_frame or f"{robot.name}_effector"
-        self._open(driver, settings)
+        self._open(driver, find_port(settings.port), settings.open_wait_s)
         self._calibration = "" if calibration is None else str(calibration)
         if self._driver is not None and self._driver.servo_joints == driver.servo_joints:
             driver.motion.resume_from(self._driver.motion.positions)
@@ -194,10 +194,10 @@ class ServoBridge(GuardedLifecycleNode):
             " activate to send"
         )
 
-    def _open(self, driver: ServoDriver, settings: parameters.BridgeSettings) -> None:
-        """Open the port, under its new number where it was lost under another one."""
-        driver.connect(find_again(settings.port, self._stable_port), settings.open_wait_s)
-        self._stable_port = stable_name(driver.port)
+    def _open(self, driver: ServoDriver, port: str, open_wait_s: float) -> None:
+        """Open a port and learn the name that outlives its number."""
+        driver.connect(port, open_wait_s)
+        self._stable_port = stable_name(port)
 
     def _load_robot(self, name: str) -> SceneDescription:
         if self._scene is not None:
@@ -330,7 +330,8 @@ class ServoBridge(GuardedLifecycleNode):
         elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
             settings = parameters.read(self)
             try:
-                self._open(self._driver, settings)
+                port = find_again(settings.port, self._stable_port)
+                self._open(self._driver, port, settings.open_wait_s)
             except PortError as error:
                 self._report(str(error))
                 return False

@@ -24,6 +24,7 @@ Ask = Callable[[str], str]
 Say = Callable[[str], None]
 
 SMALL_MOVE_DEG, MOVE_TIMEOUT_S, START_TIMEOUT_S = 10.0, 15.0, 10.0
+ALLOWED_NUDGES = "+ or - (1 deg), ++ or -- (5 deg), or degrees such as -2.5"
 NUDGES = {"+": 1.0, "++": 5.0, "-": -1.0, "--": -5.0}
 
 
@@ -168,7 +169,7 @@ def calibrate(robot: SceneDescription, mover: ServoMover, ask: Ask, say: Say) ->
         PortError: the board is lost.
     """
     assert robot.board is not None
-    say("Enter takes what is shown, q ends without a change. Hands off the horns: the servos move now.")
+    say("Enter takes what is shown, q ends without a change.")
     results = []
     for number, servo in enumerate(robot.board.servos, start=1):
         say(f"\n{servo.joint}, servo {number} of {len(robot.board.servos)}")
@@ -184,7 +185,8 @@ def _observe(
     reference = _reference(robot, servo.joint, rest)
     reached = mover.move(servo.joint, reference)
     say(f"It should stand at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
-    offset = _nudge(servo, reached, mover, ask, "Correct it: + - (1 deg), ++ -- (5 deg), or degrees")
+    say(f"Correct it until it does: {ALLOWED_NUDGES}.")
+    offset = _nudge(servo, reached, mover, ask, say, "Correction")
     limits = next(joint.limits for joint in robot.joints if joint.name == servo.joint)
     ends: list[int | None] = []
     for word, towards in (("smallest", -1), ("largest", 1)):
@@ -192,7 +194,7 @@ def _observe(
         fallback = byte_to_angle(servo.byte_min if towards < 0 else servo.byte_max, servo)
         reached = mover.move(servo.joint, end if math.isfinite(end) else fallback)
         back = _nudge(
-            servo, reached, mover, ask, f"The {word} servo byte: step back where it strains or touches"
+            servo, reached, mover, ask, say, f"The {word} servo byte; step back where it strains or touches"
         )
         ends.append(mover.sent_byte(servo.joint) if back else None)
         mover.move(servo.joint, rest)
@@ -203,28 +205,40 @@ def _turns_the_other_way(servo: ServoCalibration, rest: float, mover: ServoMover
     while True:
         mover.move(servo.joint, rest - math.radians(SMALL_MOVE_DEG))
         mover.move(servo.joint, rest)
-        answer = _answer(ask, "Did it turn to a smaller joint angle and back? [Y/n/again]")
+        answer = _answer(
+            ask,
+            f"{servo.joint} turned by {SMALL_MOVE_DEG:g} deg and back: to a smaller joint angle? [Y/n/again]",
+        )
         if answer in ("", "y", "yes"):
             return False
         if answer in ("n", "no"):
             return True
 
 
-def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, what: str) -> float:
+def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, say: Say, what: str) -> float:
     """Degrees of the servo that the person added, as far as the limits let them."""
     offset = 0.0
     while True:
-        answer = _answer(ask, f"{what} [{offset:+g} deg, byte {mover.sent_byte(servo.joint)}]")
+        answer = _answer(ask, f"{what} [{offset:+.3g} deg, byte {mover.sent_byte(servo.joint)}]")
         if not answer:
             return offset
-        try:
-            step = NUDGES[answer] if answer in NUDGES else float(answer)
-        except ValueError:
+        step = _degrees(answer)
+        if step is None:
+            say(f"{answer!r} moves nothing; type {ALLOWED_NUDGES}, or Enter when it is right.")
             continue
-        if math.isfinite(step):
-            wanted = start + servo.sign * math.radians(offset + step)
-            reached = mover.move(servo.joint, wanted)
-            offset = round(servo.sign * math.degrees(reached - start), 6)
+        reached = mover.move(servo.joint, start + servo.sign * math.radians(offset + step))
+        wanted, offset = offset + step, round(servo.sign * math.degrees(reached - start), 6)
+        if abs(offset - wanted) > 1e-3:
+            say("The joint's limits or the servo's range end here.")
+
+
+def _degrees(answer: str) -> float | None:
+    """The step that was typed, in [deg]; None where it is none."""
+    try:
+        step = NUDGES[answer] if answer in NUDGES else float(answer)
+    except ValueError:
+        return None
+    return step if math.isfinite(step) else None
 
 
 def _answer(ask: Ask, question: str) -> str:

@@ -70,28 +70,32 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
 
 
 def stable_name(port: str, by_id: Path = BY_ID) -> str:
-    """The link of /dev/serial/by-id that leads to an open port; the port itself where there is none."""
+    """The link of /dev/serial/by-id that leads to an open port; empty where there is none."""
     target = Path(port).resolve()
-    if by_id.is_dir():
-        for link in sorted(by_id.iterdir()):
-            if link.resolve() == target:
-                return str(link)
-    return port
+    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    return next((str(link) for link in links if link.resolve() == target), "")
 
 
 def find_again(port: str, stable: str) -> str:
-    """The port to open after one was lost: the same device, whatever its number, or the name the person gave.
+    """The port to open after one was lost: the same device, whatever its number; never another one.
 
     Args:
         port: Name from the person; empty searches, see `find_port`.
-        stable: What `stable_name` said while the port was open; empty where none was.
+        stable: What `stable_name` said while the port was open; empty: `port` is all that is known.
 
     Raises:
-        PortError: of `find_port`.
+        PortError: the device is not there, though the name from the person may be, as another device; of
+            `find_port` where no stable name is known.
     """
-    if port and stable and Path(stable).exists():
-        return stable  # the number in `port` may be another device's by now
-    return find_port(port)
+    if not stable:
+        return find_port(port)
+    if not Path(stable).exists():
+        other = f", and {port} may be another device by now" if port and Path(port).exists() else ""
+        raise PortError(
+            stable,
+            f"{stable} is not plugged in{other}; plug it in, or for another board cleanup and configure",
+        )
+    return stable
 
 
 def _is_board(info: PortInfo) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import get_args
 
@@ -13,6 +14,7 @@ from servo_bridge.calibrate import (
     calibrate,
 )
 from servo_bridge.calibration_file import calibrated_robot, default_file, save_calibration
+from servo_bridge.codec import byte_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.link import ProtocolChoice
 from servo_bridge.ports import find_port
@@ -42,7 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
         robot = calibrated_robot(robot, file)
         print(f"begins with {file}")
     driver = ServoDriver(robot, protocol=arguments.protocol)
-    driver.connect(find_port(arguments.port), arguments.open_wait)
+    port = find_port(arguments.port)
+    print(
+        f"The servos on {port} jump to their rest pose and then move: hands off, horns free, switch in reach."
+    )
+    if _ask("Enter begins, q ends:").strip():
+        raise CalibrationAbortedError
+    driver.connect(port, arguments.open_wait)
     try:
         print(f"waiting for the board on {driver.port} ...")
         mover = ServoMover(driver)
@@ -53,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             mover.close()
     finally:
         driver.disconnect(relax=True)
+    print()
     for servo in servos:
         print(_summary(servo))
     if _ask(f"write {file}? [Y/n]").strip().lower() not in ("", "y", "yes"):
@@ -74,7 +83,9 @@ def _parameter(file: Path, robot: str) -> str:
 
 
 def _summary(servo: ServoCalibration) -> str:
+    ends = sorted(math.degrees(byte_to_angle(end, servo)) for end in (servo.byte_min, servo.byte_max))
     return (
         f"{servo.joint}: sign {servo.sign:+d}, zero {servo.zero_byte}, trim {servo.trim_deg:+g} deg,"
-        f" bytes {servo.byte_min}..{servo.byte_max}, rest {servo.rest_byte}"
+        f" bytes {servo.byte_min}..{servo.byte_max}, rest {servo.rest_byte},"
+        f" joint {ends[0]:.0f}..{ends[1]:.0f} deg"
     )

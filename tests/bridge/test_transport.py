@@ -172,14 +172,18 @@ def test_a_board_that_comes_back_under_another_number_is_found_again(tmp_path: P
     assert stable == str(link)
     assert find_again(str(old), stable) == str(link)
     old.rename(new)
-    assert find_again(str(old), stable) == str(old)  # gone altogether: the name of the person in the message
     link.unlink()
-    link.symlink_to(new)
+    with pytest.raises(PortError, match=r"usb-Arduino-if00 is not plugged in; plug it in, or for another"):
+        find_again(str(old), stable)
     old.write_text("")  # another device has the old number now
-    assert find_again(str(old), stable) == str(link)
+    with pytest.raises(PortError, match=r"ttyACM0 may be another device by now; plug it in"):
+        find_again(str(old), stable)
+    with pytest.raises(PortError, match="is not plugged in"):
+        find_again("", stable)  # nor is a board taken that a search would find
+    link.symlink_to(new)
+    assert find_again(str(old), stable) == find_again("", stable) == str(link)
     assert find_again(str(old), "") == str(old)
-    assert stable_name("/dev/ttyS7", by_id) == "/dev/ttyS7"
-    assert stable_name("/dev/ttyS7", tmp_path / "absent") == "/dev/ttyS7"
+    assert stable_name("/dev/ttyS7", by_id) == stable_name("/dev/ttyS7", tmp_path / "absent") == ""
 
 
 def test_who_else_may_hold_the_port_is_named() -> None:

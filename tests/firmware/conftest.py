@@ -8,8 +8,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from bridge_session import client, start, stream
 
 from servo_bridge.emulator import EmulatedBoard, why_missing
+
+__all__ = ["client", "start", "stream"]
 
 sys.path.append(str(Path(__file__).parent))  # tests may import `firmware_line`
 

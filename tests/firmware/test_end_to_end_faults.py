@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.conftest import Client, Stream
+from bridge_session import BridgeClient, Stream
 from terminal_session import REPOSITORY
 
 from servo_bridge.codec import bytes_to_angles
@@ -50,7 +50,7 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
     assert scene.board is not None
     pose = (90, 120, 165)
     widths = [byte_to_width(each) for each in pose]
-    client = Client(ros_domain)
+    client = BridgeClient(ros_domain)
     with EmulatedBoardPty(link=tmp_path / "board") as board, (tmp_path / "log.txt").open("wb") as log:
         settings = f"-p port:={board.port} -p source:=commands -p autostart:=activate"
         bridge = f"{sys.executable} -m servo_bridge.bridge_node --ros-args -r __ns:=/tripod {settings}"
@@ -70,7 +70,7 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
             stream = Stream(publisher, Float64MultiArray(data=angles))
             assert board.wait_for(lambda each: each.widths_us() == pytest.approx(widths, abs=1.5))
             process.send_signal(signal.SIGINT)
-            assert process.wait(15.0) == 0
+            assert process.wait(40.0) == 0
         finally:
             process.kill()
             process.wait()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -11,8 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.conftest import Client
-from rclpy.executors import SingleThreadedExecutor
+from bridge_session import BridgeClient
+from diagnostic_msgs.msg import DiagnosticArray
+from node_processes import spin_until
 from rclpy.parameter import Parameter
 
 from servo_bridge import bridge_node
@@ -20,18 +19,13 @@ from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.frames import byte_to_width
 from servo_bridge.port_link import make_link
 from servo_bridge.ports import stable_name
+from servo_bridge.virtual_board import VirtualBoard
+from softsim_ros.runtime import SpinThread
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator")]
 
 REST_US = byte_to_width(150)
 DEADLINE_S = 60.0
-
-
-@pytest.fixture
-def client(ros_domain: int) -> Iterator[Client]:
-    made = Client(ros_domain)
-    yield made
-    made.close()
 
 
 def rests(board: EmulatedBoardPty) -> bool:
@@ -40,38 +34,33 @@ def rests(board: EmulatedBoardPty) -> bool:
 
 
 def test_replugged_under_another_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, client: Client
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, client: BridgeClient
 ) -> None:
-    monkeypatch.setattr(bridge_node, "stable_name", partial(stable_name, by_id=tmp_path))
-    name = tmp_path / "usb-Arduino_Uno_tripod-if00"
-    with EmulatedBoardPty(link=name) as before, EmulatedBoardPty() as after:
-        number = str(name.readlink())
-        assert number != after.port
-        overrides = {"port": number, "autostart": "activate", "source": "commands"}
+    by_id, number = tmp_path / "by-id", tmp_path / "ttyACM0"
+    by_id.mkdir()
+    name = by_id / "usb-Arduino_Uno_tripod-if00"
+    monkeypatch.setattr(bridge_node, "stable_name", partial(stable_name, by_id=by_id))
+    with EmulatedBoardPty() as before, EmulatedBoardPty() as after, VirtualBoard() as stranger:
+        for link in (name, number):
+            make_link(link, before.port)
+        diagnostics = client.collect(DiagnosticArray, "/diagnostics")
+        overrides = {"port": str(number), "autostart": "activate", "source": "commands"}
         bridge = bridge_node.ServoBridge(
             context=client.context,
             namespace="tripod",
             parameter_overrides=[Parameter(key, value=value) for key, value in overrides.items()],
         )
-        executor = SingleThreadedExecutor(context=client.context)
-        executor.add_node(bridge)
-        stop = threading.Event()
-
-        def spin() -> None:
-            while not stop.is_set():
-                executor.spin_once(timeout_sec=0.05)
-
-        spinner = threading.Thread(target=spin)
-        spinner.start()
         try:
-            assert before.wait_for(rests, DEADLINE_S), before.widths_us()
-            before.unplug()
-            make_link(name, after.port)
-            assert after.wait_for(rests, DEADLINE_S), after.widths_us()
-            assert after.open_count == 1
+            with SpinThread([bridge], client.context):
+                assert before.wait_for(rests, DEADLINE_S), before.widths_us()
+                name.unlink()
+                make_link(number, stranger.port)
+                before.unplug()
+                refused = f"{name} is not plugged in, and {number} may be another device by now"
+                assert spin_until(lambda: any(refused in each.status[0].message for each in diagnostics))
+                make_link(name, after.port)
+                assert after.wait_for(rests, DEADLINE_S), after.widths_us()
+                assert (after.open_count, stranger.open_count) == (1, 0)
+                bridge.close()
         finally:
-            bridge.close()
-            stop.set()
-            spinner.join()
-            executor.shutdown()
             bridge.destroy_node()

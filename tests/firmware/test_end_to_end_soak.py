@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.conftest import Client, Process, Stream
+from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
+from node_processes import NodeProcess
 
 from servo_bridge.codec import byte_to_angle
 from servo_bridge.emulator import EmulatedBoardPty
@@ -26,20 +27,15 @@ SECONDS = float(os.environ.get("SOFTSIM_SOAK_S", "60"))
 WARM_S = 5.0
 
 
-@pytest.fixture
-def client(ros_domain: int) -> Iterator[Client]:
-    made = Client(ros_domain)
-    yield made
-    made.close()
-
-
 def numbers(messages: list[Any]) -> dict[str, str]:
     """What the newest diagnostics of the bridge say."""
     own = [status for message in messages for status in message.status if "servo board" in status.name]
     return {entry.key: entry.value for entry in own[-1].values}
 
 
-def test_a_minute_loses_nothing_and_grows_nothing(tmp_path: Path, client: Client) -> None:
+def test_a_minute_loses_nothing_and_grows_nothing(
+    tmp_path: Path, client: BridgeClient, start: Callable[..., NodeProcess]
+) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import Float64MultiArray
 
@@ -47,9 +43,7 @@ def test_a_minute_loses_nothing_and_grows_nothing(tmp_path: Path, client: Client
     assert scene.board is not None
     poses = [[byte_to_angle(each, servo) for servo in scene.board.servos] for each in (90, 160)]
     with EmulatedBoardPty(link=tmp_path / "board") as board:
-        settings = (f"port:={board.port}", "source:=commands", "autostart:=activate")
-        ros = ("--ros-args", "-r", "__ns:=/tripod", *(word for each in settings for word in ("-p", each)))
-        process = Process("servo_bridge.bridge_node", tmp_path, 0, *ros)
+        process = start(BRIDGE, *bridge_words(port=board.port, autostart="activate"))
         try:
             diagnostics = client.collect(DiagnosticArray, "/diagnostics")
             publisher = client.publisher(Float64MultiArray, "position_controller/commands")

@@ -1,123 +1,16 @@
-"""Fixtures of the tests across processes: a ROS domain, node processes, a client with its own context."""
+"""Fixtures of the tests across processes: a ROS domain, node processes, a client, a simulator."""
 
 from __future__ import annotations
 
-import os
-import signal
 import socket
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
+from node_processes import Client, NodeProcess, parameter_words, spin_until
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-DEADLINE_S = 40.0
-ANSWER_S = 4.0
 BUILD_DEADLINE_S = 120.0  # kernels may have to be compiled
 SIMULATOR = "softsim_ros.simulator.simulator_node"
-
-
-def _spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> bool:
-    """Look at a condition until it holds; False when the deadline passed first."""
-    end = time.monotonic() + deadline_s
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        threading.Event().wait(0.005)
-    return True
-
-
-class NodeProcess:
-    """A node in a process and session of its own; what it writes goes to a file."""
-
-    def __init__(
-        self, module: str, arguments: tuple[str, ...], environment: dict[str, str], log: Path
-    ) -> None:
-        self._log = log
-        with log.open("wb") as output:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
-                cwd=log.parent,  # any folder will do: robots are found by name
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                start_new_session=True,
-            )
-
-    @property
-    def output(self) -> str:
-        return self._log.read_text()
-
-    def says(self, text: str, deadline_s: float = DEADLINE_S) -> bool:
-        """Whether it writes `text` before the deadline (or has)."""
-        _spin_until(lambda: text in self.output or self.process.poll() is not None, deadline_s)
-        return text in self.output
-
-    def end(self, number: signal.Signals = signal.SIGINT) -> int:
-        """Send a signal and wait; the exit code."""
-        self.process.send_signal(number)
-        return self.process.wait(DEADLINE_S)
-
-
-class Client:
-    """A node of the test, served by a thread: collects messages, publishes, calls services."""
-
-    def __init__(self, domain: int, namespace: str) -> None:
-        from rclpy.context import Context
-        from rclpy.node import Node
-
-        from softsim_ros.runtime import SpinThread
-
-        self.context = Context()
-        self.context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)
-        self.node = Node("client", context=self.context, namespace=namespace)
-        self._spinner = SpinThread([self.node], self.context)
-        self._spinner.__enter__()
-        self._clients: dict[str, Any] = {}
-        self._publishers: dict[str, Any] = {}
-
-    def collect(self, message_type: Any, topic: str, qos: Any = 200, *, raw: bool = False) -> list[Any]:
-        """A list that grows with every message of a topic from now on."""
-        messages: list[Any] = []
-        self.node.create_subscription(message_type, topic, messages.append, qos, raw=raw)
-        return messages
-
-    def publish(self, topic: str, message: Any) -> None:
-        """Send a message once somebody listens."""
-        if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(type(message), topic, 10)
-        publisher = self._publishers[topic]
-        assert _spin_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens on {topic}"
-        publisher.publish(message)
-
-    def call(self, service_type: Any, name: str, request: Any | None = None, *, once: bool = False) -> Any:
-        """The answer of a service.
-
-        A service that has not found the reply reader of a new client yet loses its answer: the request is
-        sent again after a while, unless it may only be carried out `once`.
-        """
-        if name not in self._clients:
-            self._clients[name] = self.node.create_client(service_type, name)
-        client = self._clients[name]
-        assert client.wait_for_service(DEADLINE_S), f"no service {name}"
-        request = request or service_type.Request()
-        futures = [client.call_async(request)]
-        patience = DEADLINE_S if once else ANSWER_S
-        while not _spin_until(lambda: any(each.done() for each in futures), patience):
-            assert len(futures) * patience < DEADLINE_S, f"no answer from {name}"
-            futures.append(client.call_async(request))
-        return next(each.result() for each in futures if each.done())
-
-    def close(self) -> None:
-        self._spinner.close()
-        self.node.destroy_node()
-        self.context.try_shutdown()
 
 
 class Robot:
@@ -195,12 +88,10 @@ def start_process(
 ) -> Iterator[Callable[..., NodeProcess]]:
     """Starts a module with command line arguments; what still runs at the end is ended and checked."""
     folder = tmp_path_factory.mktemp("processes")
-    path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
-    environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
     processes: list[NodeProcess] = []
 
     def start(module: str, *arguments: str) -> NodeProcess:
-        processes.append(NodeProcess(module, arguments, environment, folder / f"{len(processes)}.txt"))
+        processes.append(NodeProcess(module, arguments, folder / f"{len(processes)}.txt"))
         return processes[-1]
 
     yield start
@@ -227,8 +118,7 @@ def start_robot(start_process: Callable[..., NodeProcess], client: Client) -> Ca
     """Starts a simulator; keywords are its parameters. Returns when it answers."""
 
     def start(**parameters: Any) -> Robot:
-        arguments = [item for name, value in parameters.items() for item in ("-p", f"{name}:={_yaml(value)}")]
-        process = start_process(SIMULATOR, "--ros-args", *arguments)
+        process = start_process(SIMULATOR, "--ros-args", *parameter_words(**parameters))
         assert process.says("simulating", BUILD_DEADLINE_S), process.output
         return Robot(process, client)
 
@@ -251,11 +141,7 @@ def tripod(running_tripod: Robot) -> Robot:
     return running_tripod
 
 
-def _yaml(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-@pytest.fixture(scope="session")
-def spin_until() -> Callable[..., bool]:
+@pytest.fixture(scope="session", name="spin_until")
+def _spin_until() -> Callable[..., bool]:
     """Looks at a condition until it holds; False when the deadline passed first."""
-    return _spin_until
+    return spin_until

@@ -1,0 +1,122 @@
+"""What the tests across processes have in common: waiting, node processes, a client."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DEADLINE_S = 40.0
+ANSWER_S = 4.0
+
+
+def spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> bool:
+    """Look at a condition until it holds; False when the deadline passed first."""
+    end = time.monotonic() + deadline_s
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        threading.Event().wait(0.005)
+    return True
+
+
+class NodeProcess:
+    """A node in a process and session of its own; what it writes goes to a file."""
+
+    def __init__(self, module: str, arguments: tuple[str, ...], log: Path) -> None:
+        self._log = log
+        path = os.pathsep.join(
+            filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")])
+        )  # apt's ROS, too
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                cwd=log.parent,  # any folder will do: robots are found by name
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text()
+
+    def says(self, text: str, deadline_s: float = DEADLINE_S) -> bool:
+        """Whether it writes `text` before the deadline (or has)."""
+        spin_until(lambda: text in self.output or self.process.poll() is not None, deadline_s)
+        return text in self.output
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Send a signal and wait; the exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(DEADLINE_S)
+
+
+class Client:
+    """A node of the test, served by a thread: collects messages, publishes, calls services."""
+
+    def __init__(self, domain: int, namespace: str) -> None:
+        from rclpy.context import Context
+        from rclpy.node import Node
+
+        from softsim_ros.runtime import SpinThread
+
+        self.context = Context()
+        self.context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)
+        self.node = Node("client", context=self.context, namespace=namespace)
+        self._spinner = SpinThread([self.node], self.context)
+        self._spinner.__enter__()
+        self._clients: dict[str, Any] = {}
+        self._publishers: dict[str, Any] = {}
+
+    def collect(self, message_type: Any, topic: str, qos: Any = 200, *, raw: bool = False) -> list[Any]:
+        """A list that grows with every message of a topic from now on."""
+        messages: list[Any] = []
+        self.node.create_subscription(message_type, topic, messages.append, qos, raw=raw)
+        return messages
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Send a message once somebody listens."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(type(message), topic, 10)
+        publisher = self._publishers[topic]
+        assert spin_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens on {topic}"
+        publisher.publish(message)
+
+    def call(self, service_type: Any, name: str, request: Any | None = None, *, once: bool = False) -> Any:
+        """The answer of a service.
+
+        A service that has not found the reply reader of a new client yet loses its answer: the request is
+        sent again after a while, unless it may only be carried out `once`.
+        """
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service_type, name)
+        client = self._clients[name]
+        assert client.wait_for_service(DEADLINE_S), f"no service {name}"
+        request = request or service_type.Request()
+        futures = [client.call_async(request)]
+        patience = DEADLINE_S if once else ANSWER_S
+        while not spin_until(lambda: any(each.done() for each in futures), patience):
+            assert len(futures) * patience < DEADLINE_S, f"no answer from {name}"
+            futures.append(client.call_async(request))
+        return next(each.result() for each in futures if each.done())
+
+    def close(self) -> None:
+        self._spinner.close()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def parameter_words(**values: object) -> list[str]:
+    """The words of a command line that set ROS parameters."""
+    texts = {name: str(value).lower() if isinstance(value, bool) else value for name, value in values.items()}
+    return [word for name, text in texts.items() for word in ("-p", f"{name}:={text}")]
