@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softsim_core.actuation.cable_layout import RowLayout
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model
@@ -50,6 +51,7 @@ class Cables:
         rest_length: Lengths in [m] at travel 0, shape (c,).
         lower, upper: Bounds of the tensions in [N], shape (c,).
         by_force: Whether the command is a tension in [N] instead of a travel in [m], shape (c,).
+        layout: What never changes in their rows.
     """
 
     names: tuple[str, ...]
@@ -62,67 +64,54 @@ class Cables:
     lower: Array
     upper: Array
     by_force: BoolArray
+    layout: RowLayout
 
     def __len__(self) -> int:
         return len(self.names)
 
     def points(self, model: Model, state: State) -> Array:
         """All points in [m], shape (p, 3)."""
-        points = np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes])
+        points = np.asarray(np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes]))
+        frames: dict[int, tuple[Array, Array]] = {}
         for point, joint, local in self.pull:
-            points[point] = local
-            if joint >= 0:
-                origin, rotation = model.joint_frame(joint, state)
-                points[point] = origin + rotation @ local
-        return np.asarray(points)
+            if joint >= 0 and joint not in frames:
+                frames[joint] = model.joint_frame(joint, state)
+            points[point] = frames[joint][0] + frames[joint][1] @ local if joint >= 0 else local
+        return points
 
     def directions(self, points: Array) -> tuple[Array, Array]:
         """Unit vectors and lengths in [m] of the segments behind each point; 0 between cables."""
-        along = np.diff(points, axis=0)
+        along = points[1:] - points[:-1]
         along[self.first[1:-1] - 1] = 0.0
-        length = np.sqrt((along**2).sum(axis=1))
+        length = np.sqrt(np.einsum("pi,pi->p", along, along))
         return along / np.maximum(length, 1e-12)[:, None], length
 
     def lengths(self, points: Array) -> Array:
         """Length of each cable in [m], shape (c,)."""
-        return self._sums(np.append(self.directions(points)[1], 0.0))
+        return self.pulls(points)[1]
 
-    def pulls(self, points: Array) -> Array:
-        """H on the points: the force on each point a unit of tension, shape (p, 3)."""
-        unit, _ = self.directions(points)
+    def pulls(self, points: Array) -> tuple[Array, Array]:
+        """H on the points, shape (p, 3): the force on each a unit of tension; lengths (c,) in [m]."""
+        unit, length = self.directions(points)
         pulls = np.zeros_like(points)
         pulls[:-1] = unit
         pulls[1:] -= unit
-        return pulls
+        return pulls, np.asarray(np.add.reduceat(length, self.first[:-1]))
 
     def shortening(self, pulls: Array, moved: Array) -> Array:
         """H . displacement in [m] of each cable for displacements (p, 3) of the points, shape (c,)."""
-        return self._sums((pulls * moved).sum(axis=1))
+        return np.asarray(np.add.reduceat(np.einsum("pi,pi->p", pulls, moved), self.first[:-1]))
 
     def rows(self, model: Model, state: State, points: Array, pulls: Array) -> Rows:
         """The cables' rows; a commanded travel enters as -1 on its joint, so that a row is s - travel."""
-        nodes, frames = len(model.rest), 6 * len(model.frame_names)
-        screws = model.screws(state) if any(joint >= 0 for _, joint, _ in self.pull) else None
-        start, index, coefficient = [0], [], []
-        for c in range(len(self)):
-            own = slice(self.first[c], self.first[c + 1])
-            index.append(self.nodes[own].ravel())
-            shares = self.weights[own][:, :, None] * pulls[own][:, None, :]
-            coefficient.append(shares.reshape(-1, 3))
-            extra: list[tuple[int, float]] = []
-            for point, joint, _ in self.pull:
-                if own.start <= point < own.stop and joint >= 0:
-                    assert screws is not None
-                    for a in model.chain(joint):
-                        moved = screws.jacobian(frames + a, points[point : point + 1])[0]
-                        extra.append((frames + a, float(pulls[point] @ moved)))
-            if not self.by_force[c]:
-                extra.append((frames + int(self.joint[c]), -1.0))
-            for unknown, value in extra:
-                index.append(np.array([nodes + unknown]))
-                coefficient.append(np.array([[value, 0.0, 0.0]]))
-            start.append(start[-1] + 4 * (own.stop - own.start) + len(extra))
-        return Rows(np.array(start), np.concatenate(index), np.concatenate(coefficient))
+        layout = self.layout
+        coefficient = layout.coefficient.copy()
+        coefficient[layout.of_points] = (self.weights[:, :, None] * pulls[:, None, :]).reshape(-1, 3)
+        if len(layout.levers):
+            screws, k, at = model.screws(state), layout.lever_unknowns, layout.lever_points
+            moved = np.cross(screws.angular[k], points[at] - screws.origin[k]) + screws.linear[k]
+            coefficient[layout.levers, 0] = np.einsum("mi,mi->m", pulls[at], moved)
+        return Rows(layout.start, layout.place, coefficient)
 
     def views(self, model: Model, state: State) -> tuple[CableView, ...]:
         """What one can see of each cable."""
@@ -151,9 +140,6 @@ class Cables:
             travel = self.rest_length - self.lengths(self.points(model, state))
             state.joint_positions[self.joint[self.by_force]] = travel[self.by_force]
 
-    def gaps(self, state: State, points: Array) -> Array:
-        """Travel beyond the commanded one in [m], s - q, shape (c,)."""
-        return np.asarray(self.rest_length - self.lengths(points) - state.joint_positions[self.joint])
-
-    def _sums(self, values: Array) -> Array:
-        return np.asarray(np.add.reduceat(values, self.first[:-1]))
+    def gaps(self, state: State, lengths: Array) -> Array:
+        """Travel beyond the commanded one in [m], s - q, of cables of these lengths (c,) [m], shape (c,)."""
+        return np.asarray(self.rest_length - lengths - state.joint_positions[self.joint])

@@ -36,13 +36,14 @@ class CableRows:
 def cable_rows(model: Model, at: Unknowns, cables: Cables, state: State) -> tuple[CableRows, Array]:
     """Rows of all cables, and g in [m], shape (c,)."""
     points = cables.points(model, state)
-    rows = cables.rows(model, state, points, cables.pulls(points))
+    pulls, lengths = cables.pulls(points)
+    rows = cables.rows(model, state, points, pulls)
     on_nodes, on_border = sparse_rows(rows, len(model.rest), model.border_size)
     tail = sp.csr_matrix(
         (on_border.data, on_border.indices + at.first_border, on_border.indptr), (len(cables), at.size)
     )
     return CableRows(on_nodes, on_border, on_nodes @ jacobian(model, at, state) + tail), cables.gaps(
-        state, points
+        state, lengths
     )
 
 
@@ -111,7 +112,7 @@ def cable_border_stiffness(
             "inverse control needs cables commanded by displacement: set control: displacement in the scene"
         )
     points = cables.points(model, state)
-    held = cables.rows(model, state, points, cables.pulls(points))
+    held = cables.rows(model, state, points, cables.pulls(points)[0])
     tensions = np.maximum(state.joint_efforts[cables.joint], 0.0)
     turning, softness = turning_rows(model, cables, state, tensions)
     rows = joined([held, turning])

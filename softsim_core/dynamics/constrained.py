@@ -95,10 +95,10 @@ class ConstrainedStepper:
         model, rows, gaps = self.model, [], [np.zeros(0)]
         if self._cables is not None:
             points = self._cables.points(model, before)
-            pulls = self._cables.pulls(points)
+            pulls, lengths = self._cables.pulls(points)
             moved = self._cables.points(model, free) - points
             rows.append(self._cables.rows(model, before, points, pulls))
-            travel = self._cables.shortening(pulls, moved) + self._cables.gaps(before, points)
+            travel = self._cables.shortening(pulls, moved) + self._cables.gaps(before, lengths)
             change = free.joint_positions - before.joint_positions
             gaps.append(travel - change[self._cables.joint])
         touching = None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.actuation.cable import Cables
+from softsim_core.actuation.cable_layout import row_layout
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
@@ -62,17 +63,24 @@ def cables(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> C
         lower.append(0.0 if cable.pull_only else -np.inf)
         upper.append(np.inf if cable.max_tension is None else cable.max_tension)
         by_force.append(cable.control == "force")
-    result = Cables(
-        tuple(scene.joints[j].name for j in joints),
+    pulled, ends, carried, forced = (
         np.array(joints),
         np.array(first),
         np.concatenate(nodes),
+        np.array(by_force),
+    )
+    result = Cables(
+        tuple(scene.joints[j].name for j in joints),
+        pulled,
+        ends,
+        carried,
         np.concatenate(weights),
         tuple(pull),
         np.array(rest, dtype=float),
         np.array(lower),
         np.array(upper),
-        np.array(by_force),
+        forced,
+        row_layout(model, pulled, ends, carried, pull, forced),
     )
     start = model.rest_state()
     lengths = result.lengths(result.points(model, start))
