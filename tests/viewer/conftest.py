@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import socket
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 import pytest
 
-sys.path.append(str(Path(__file__).parent))  # tests may import `browser_page`
+sys.path.append(str(Path(__file__).parent))  # for `browser_page` and `tcp_ports`
 
 
 def _ros_fixtures() -> ModuleType:
@@ -32,13 +31,6 @@ _ROS = _ros_fixtures()
 ros_domain, start_process, client = _ROS.ros_domain, _ROS.start_process, _ROS.client
 start_robot, spin_until = _ROS.start_robot, _ROS.spin_until
 Robot, BUILD_DEADLINE_S = _ROS.Robot, _ROS.BUILD_DEADLINE_S
-
-
-def free_port() -> int:
-    """A TCP port that nobody uses now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="session")
@@ -60,6 +52,8 @@ def station(
 ) -> tuple[Any, str]:
     """The Tripod as `softsim up` runs it: simulator, bridge on a virtual board, inverse control, page."""
     pytest.importorskip("viser")
+    from tcp_ports import free_port
+
     port = free_port()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))

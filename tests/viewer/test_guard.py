@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("viser")
 
 import websockets
+from tcp_ports import free_port
 from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.http11 import Request
@@ -83,15 +84,9 @@ def test_a_busy_port_is_refused() -> None:
             GuardedServer(AccessRule("127.0.0.1", port), "test")
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def server(request: pytest.FixtureRequest) -> Iterator[GuardedServer]:
-    running = GuardedServer(AccessRule("127.0.0.1", _free_port(), getattr(request, "param", None)), "test")
+    running = GuardedServer(AccessRule("127.0.0.1", free_port(), getattr(request, "param", None)), "test")
     yield running
     running.stop()
 
