@@ -1,0 +1,99 @@
+"""Rigid bodies, cables, contacts and pulls of the simulator: messages, and a pull across processes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros]
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from softsim_core import Simulation, load_scene  # noqa: E402
+from softsim_core.errors import CommandError  # noqa: E402
+from softsim_ros.simulator.objects import (  # noqa: E402
+    FORCE_LENGTH,
+    bodies_topology,
+    cable_markers,
+    contact_markers,
+)
+from softsim_ros.simulator.pulls import limited_force, pulled_nodes  # noqa: E402
+
+
+def rows(points: Any) -> np.ndarray:
+    return np.array([[point.x, point.y, point.z] for point in points])
+
+
+def test_bodies_are_triangles_in_their_own_frames() -> None:
+    simulation = Simulation(load_scene("gripper_step_1"))
+    floor, cube = bodies_topology(simulation).markers
+    assert (floor.ns, cube.ns) == ("floor", "cube")
+    assert cube.type == Marker.TRIANGLE_LIST
+    assert len(cube.points) == 36
+    np.testing.assert_allclose(np.abs(rows(cube.points)), 0.02)
+    assert (cube.color.r, cube.color.g, cube.color.b) == (1.0, 1.0, 0.0)
+
+
+def test_cables_are_lines_points_and_pull_points() -> None:
+    simulation = Simulation(load_scene("cable_finger"), backend="scipy")
+    line, dots, pull = cable_markers(simulation, Time(sec=3)).markers
+    assert (line.ns, dots.ns, pull.ns) == ("line", "points", "pull")
+    assert len(line.points) == 14
+    assert len(dots.points) == 13
+    assert rows([pull.pose.position])[0].tolist() == [0.003, 0.0105, 0.0125]
+    assert line.header.frame_id == "world"
+    assert line.header.stamp.sec == 3
+    assert len(cable_markers(Simulation(load_scene("gripper_step_3")), Time()).markers) == 2
+
+
+def test_contact_forces_carry_the_cube() -> None:
+    simulation = Simulation(load_scene("gripper_step_1"))
+    points, forces = contact_markers(simulation, Time()).markers
+    assert len(points.points) == len(forces.points) == 0
+    for _ in range(100):
+        simulation.step()
+    points, forces = contact_markers(simulation, Time()).markers
+    ends = rows(forces.points).reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0], rows(points.points))
+    total = (ends[:, 1] - ends[:, 0]).sum(axis=0) / FORCE_LENGTH
+    assert abs(total[2]) == pytest.approx(0.03 * 9.81, rel=1e-3)
+
+
+def test_a_pull_on_a_point_or_frame_keeps_its_sum() -> None:
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    force = np.array([1.0, -2.0, 0.5])
+    for place in ("mesh_point/0", "mesh_point/100", "centre", "tripod_effector"):
+        forces = pulled_nodes(simulation, place, force)
+        np.testing.assert_allclose(forces.sum(axis=0), force, atol=1e-12)
+    for place in ("mesh_point/99999", "mesh_point/-1", "servo_0", ""):
+        with pytest.raises(CommandError, match=r"no place .* mesh_point/0 to mesh_point/\d+.*centre"):
+            pulled_nodes(simulation, place, force)
+
+
+def test_forces_are_shortened_and_checked() -> None:
+    np.testing.assert_allclose(limited_force((3.0, 0.0, 4.0), 1.0), [0.6, 0.0, 0.8])
+    np.testing.assert_allclose(limited_force((0.0, 0.0, 0.4), 1.0), [0.0, 0.0, 0.4])
+    np.testing.assert_allclose(limited_force((0.0, 0.0, 0.0), 0.0), 0.0)
+    with pytest.raises(CommandError, match="must be finite"):
+        limited_force((0.0, float("nan"), 0.0), 1.0)
+
+
+@pytest.mark.slow
+def test_a_pull_moves_the_body_and_is_let_go(tripod: Any, spin_until: Any) -> None:
+    poses = tripod.client.collect(PoseStamped, "effector_pose")
+    assert spin_until(lambda: poses)
+    message = WrenchStamped()
+    message.header.frame_id = "tripod_effector"
+    message.wrench.force.y = 5.0
+
+    def pulled() -> bool:
+        tripod.client.publish("external_wrench", message)
+        return bool(abs(poses[-1].pose.position.y) > 1e-3)
+
+    assert spin_until(pulled)
+    assert spin_until(lambda: abs(poses[-1].pose.position.y) < 1e-4)
