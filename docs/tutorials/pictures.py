@@ -1,0 +1,193 @@
+"""Make the pictures of the tutorials from their scenes, or check that they show today's scenes.
+
+From the checkout: `.softsim/venv/bin/python docs/tutorials/pictures.py` makes all, with names some.
+With `--check` it makes none: it runs the scenes to the same moments and compares the numbers kept in them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import struct
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+FOLDER = Path(__file__).resolve().parent
+sys.path.insert(0, str(FOLDER.parents[1]))
+sys.path.insert(0, str(FOLDER))
+
+from softsim_core import Simulation, load_scene  # noqa: E402
+from softsim_core.inverse.controller import InverseController  # noqa: E402
+from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_euler  # noqa: E402
+
+PICTURES = FOLDER / "pictures"
+KEYWORD = "Scene state"
+LENGTH_MM, TENSION_N = 1.0, 0.5
+"""A picture is of today's scene when all lengths and tensions it carries are this near."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A scene at a telling moment.
+
+    Attributes:
+        scene: Name of the scene.
+        seconds: Simulated time at which the picture is taken.
+        start: Begin with the start animation.
+        moves: Commands by the time in [s] at which they are given.
+        goal: Position in [m] and Euler angles in [rad] of the effector, by inverse control from 0.5 s on.
+        hidden: Rigid bodies that are left out.
+        ghost: Draw the outline at rest, too.
+        view: Elevation and azimuth of the camera in [deg].
+    """
+
+    scene: str
+    seconds: float
+    start: bool = False
+    moves: dict[float, tuple[float, ...]] = field(default_factory=dict)
+    goal: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    hidden: tuple[str, ...] = ()
+    ghost: bool = False
+    view: tuple[float, float] = (24.0, -60.0)
+
+
+FINGER = (18.0, -20.0)
+GRIPPER = (12.0, -25.0)
+SHOTS = (
+    Shot("tripod_step_1", 0.05, ghost=True),
+    Shot("tripod_step_2", 0.06, ghost=True),
+    Shot("tripod_step_3", 1.0, ghost=True),
+    Shot("tripod_step_4_1", 1.0),
+    Shot("tripod_step_4_2", 0.06),
+    Shot("tripod_step_4_3", 1.2),
+    Shot("tripod_step_5", 2.0, start=True, moves={0.5: (-1.0965, -1.4965, -1.4965)}),
+    Shot("tripod_step_6", 2.5, moves={1.5: (-1.0467, -1.0467, -1.0467)}, hidden=("table",)),
+    Shot("tripod_step_7", 1.0),
+    Shot("tripod_step_8_1", 1.5, goal=((0.010, 0.0, 0.040), (0.0, 0.0, 0.0))),
+    Shot("tripod_step_8_2", 1.0, moves={0.0: (0.020, 0.0), 0.6: (0.020, -0.15)}, view=(40.0, -75.0)),
+    Shot("tripod_step_8_3", 2.0, start=True, goal=((0.0, 0.0, 0.045), (-0.15, 0.0, 0.0)), view=(35.0, -75.0)),
+    Shot("tripod_step_9", 1.5, goal=((0.0, 0.0, 0.045), (0.0, 0.25, 0.0))),
+    Shot("gripper_step_1", 0.5),
+    Shot("gripper_step_2", 0.06, ghost=True, view=FINGER),
+    Shot("gripper_step_2_2", 1.0, ghost=True, view=FINGER),
+    Shot("gripper_step_3", 1.5, ghost=True, moves={0.0: (0.010,)}, view=FINGER),
+    Shot("gripper_step_4", 2.0, ghost=True, moves={0.0: (0.030,)}, view=FINGER),
+    Shot("gripper_step_5", 2.0, moves={0.0: (0.008, 0.008, 0.008, 0.0, 0.0)}, view=GRIPPER),
+    Shot(
+        "gripper_step_0",
+        4.5,
+        moves={
+            0.0: (0.0, 0.0, 0.0, -0.05, 0.0),
+            1.5: (0.012, 0.012, 0.012, -0.05, 0.0),
+            3.0: (0.012, 0.012, 0.012, -0.02, 0.0),
+        },
+        view=GRIPPER,
+    ),
+)
+
+
+def played(shot: Shot) -> tuple[Simulation, Pose | None]:
+    """The simulation at the shot's moment, and the goal where there is one."""
+    simulation = Simulation(load_scene(shot.scene))
+    inverse = goal = None
+    if shot.start:
+        simulation.start_animation()
+    for step in range(round(shot.seconds / simulation.dt)):
+        command = shot.moves.get(round(step * simulation.dt, 6))
+        if command is not None:
+            simulation.command(command)
+        if shot.goal is not None and simulation.time >= 0.5:
+            if inverse is None:
+                inverse = InverseController(simulation.scene)
+                inverse.start(simulation.joint_targets, simulation.base_shift)
+                position, angles = shot.goal
+                goal = Pose(np.array(position), quaternion_of(rotation_euler(np.array(angles))))
+                inverse.set_goal(goal)
+            inverse.tick(simulation.effector_pose)
+            simulation.command(inverse.command)
+        simulation.step()
+    return simulation, goal
+
+
+def state_of(simulation: Simulation) -> dict[str, list[float]]:
+    """Where everything is, in few numbers: places of bodies in mm, tensions in N."""
+    lengths = [pose.position for pose in simulation.rigid_poses]
+    if len(points := simulation.visual_points()):
+        lengths += [points.min(axis=0), points.max(axis=0), points.mean(axis=0)]
+    return {
+        "lengths_mm": [round(1e3 * value, 3) for each in lengths for value in each.tolist()],
+        "tensions_n": [round(cable.tension, 3) for cable in simulation.cables],
+    }
+
+
+def kept_state(picture: Path) -> dict[str, list[float]] | None:
+    """The numbers a picture carries, or None."""
+    for kind, data in _chunks(picture.read_bytes()):
+        keyword, _, text = data.partition(b"\0")
+        if kind == b"tEXt" and keyword == KEYWORD.encode():
+            return json.loads(text)
+    return None
+
+
+def _chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
+    at = 8
+    while at < len(png):
+        length, kind = struct.unpack_from(">I4s", png, at)
+        yield kind, png[at + 8 : at + 8 + length]
+        at += 12 + length
+
+
+def difference(shot: Shot) -> str:
+    """What separates a picture from today's scene, in a sentence; empty where nothing does."""
+    picture = PICTURES / f"{shot.scene}.png"
+    remedy = f"make it with {Path(__file__).name} {shot.scene}"
+    kept = kept_state(picture) if picture.is_file() else None
+    if kept is None:
+        return f"{picture.name} is missing, or carries no state; {remedy}"
+    today = state_of(played(shot)[0])
+    for name, tolerance in (("lengths_mm", LENGTH_MM), ("tensions_n", TENSION_N)):
+        if len(kept[name]) != len(today[name]) or not np.allclose(
+            kept[name], today[name], rtol=0.0, atol=tolerance
+        ):
+            return (
+                f"{picture.name} does not show {shot.scene} of today: "
+                f"{name} are {today[name]}, not {kept[name]}; {remedy}"
+            )
+    return ""
+
+
+def make(shot: Shot) -> None:
+    """Write the picture of a shot."""
+    from drawing import draw
+
+    simulation, goal = played(shot)
+    draw(
+        simulation,
+        PICTURES / f"{shot.scene}.png",
+        {KEYWORD: json.dumps(state_of(simulation))},
+        goal=goal,
+        ghost=shot.ghost,
+        hidden=shot.hidden,
+        view=shot.view,
+    )
+
+
+def main() -> None:
+    """Make or check."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="*", help="names of scenes; none: all")
+    parser.add_argument("--check", action="store_true", help="make nothing, exit 1 where a picture is old")
+    arguments = parser.parse_args()
+    chosen = [shot for shot in SHOTS if not arguments.scenes or shot.scene in arguments.scenes]
+    if arguments.check:
+        sys.exit("\n".join(filter(None, map(difference, chosen))) or 0)
+    for shot in chosen:
+        make(shot)
+
+
+if __name__ == "__main__":
+    main()
