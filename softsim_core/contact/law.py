@@ -61,6 +61,8 @@ def violation(
             off = abs(moved - forces[i]) * stiff
             largest, squares = max(largest, off), squares + off * off
     for i in range(bounded, forces.shape[0], 3):
+        if compliance[i, i] <= 0.0:  # both sides are held: no force changes anything
+            continue
         off = abs(min(forces[i] * compliance[i, i], state[i]))
         largest, squares = max(largest, off), squares + off * off
         if forces[i] > 0.0:

@@ -10,19 +10,24 @@ from softsim_core.arrays import Array
 from softsim_core.contact.compile import kernel
 from softsim_core.contact.law import largest_tangential
 
-_SOFTENING = 1.0e-6
-"""Share by which a row's own compliance is raised: redundant contacts make the matrix singular."""
-
 
 @kernel
 def newton_step(
-    compliance: Array, gap: Array, lower: Array, upper: Array, friction: float, start: Array, state: Array
+    compliance: Array,
+    gap: Array,
+    lower: Array,
+    upper: Array,
+    friction: float,
+    start: Array,
+    state: Array,
+    softening: float,
 ) -> Array:
     """Forces that solve the law linearised about the forces `start` with gaps `state`.
 
     Rows that one step of projection puts at a bound, or whose contact it opens, are fixed there. The gaps of
     the others must vanish; friction of a sliding contact must lie on the cone, against the slip. The result
-    may leave cones and bounds.
+    may leave cones and bounds. Each row's own compliance is raised by the share `softening`: redundant contacts
+    make the matrix singular, and nearly equal ones would push against each other.
 
     Source: Alart and Curnier 1991 (generalised Newton for friction).
     """
@@ -40,7 +45,7 @@ def newton_step(
     first_contact = size
     width = 3 if friction > 0.0 else 1
     for i in range(bounded, rows, 3):
-        if start[i] * compliance[i, i] > state[i]:
+        if compliance[i, i] > 0.0 and start[i] * compliance[i, i] > state[i]:
             for d in range(width):
                 forces[i + d] = start[i + d]
                 active[size] = i + d
@@ -55,7 +60,7 @@ def newton_step(
         right[a] = -gaps[i]
         for b in range(size):
             matrix[a, b] = compliance[i, active[b]]
-        matrix[a, a] *= 1.0 + _SOFTENING
+        matrix[a, a] *= 1.0 + softening
     if friction > 0.0:
         for a in range(first_contact, size, 3):
             _let_slide(a, active[a], friction, compliance, forces, gaps, matrix, right)

@@ -131,3 +131,19 @@ def test_no_rows_is_no_work() -> None:
     solution = solve_contacts(np.zeros((0, 0)), np.zeros(0), NONE, 0.5, np.zeros(0), 10, 1e-9)
     assert len(solution.forces) == 0
     assert solution.residual == 0.0
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_contact_of_two_held_things_is_left_alone(friction: float) -> None:
+    """No force moves either side, so it takes none, and what else touches is solved as without it."""
+    rest, gap = standing_box(8, 3)
+    compliance = np.zeros((27, 27))
+    compliance[3:, 3:] = rest
+    alone = solve_contacts(rest, gap, NONE, friction, np.zeros(24), 1000, 1e-9)
+    start = np.zeros(27)
+    solution = solve_contacts(
+        compliance, np.append([-1e-3, 1e-4, 0.0], gap), NONE, friction, start, 1000, 1e-9
+    )
+    np.testing.assert_array_equal(solution.forces[:3], 0.0)
+    np.testing.assert_allclose(solution.forces[3:], alone.forces, rtol=0.0, atol=1e-9)
+    assert solution.residual <= 1e-9
