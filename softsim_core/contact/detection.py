@@ -69,18 +69,20 @@ class Detector:
         self._boxes = allocate(self._topology)
         self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
 
-    def detect(self, points: Array, reach: float) -> Proximities:
-        """Contacts with a gap of at most `reach`.
+    def detect(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
+        """Contacts with a gap of at most `reach`, and what the two surfaces may move.
 
         Args:
             points: Vertex positions in [m], shape (v, 3).
-            reach: Largest gap in [m]: the alarm distance, and how far things may move within the step.
+            reach: Largest gap in [m] of surfaces that stand still: the alarm distance.
+            travel: How far each surface may move within the step in [m], shape (s,); None: not at all.
         """
+        travel = np.zeros(len(self.surfaces)) if travel is None else travel
         points = np.ascontiguousarray(points, dtype=np.float64)
         while True:
             near, found = self._near, self._found
             needed = sweep(
-                points, self._rest, reach, self._least_rest, self._topology, self._boxes, near, found
+                points, self._rest, reach, travel, self._least_rest, self._topology, self._boxes, near, found
             )
             if needed <= len(found.distance):
                 break

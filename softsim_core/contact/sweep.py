@@ -20,7 +20,8 @@ _SAME = 1.0e-9
 def sweep(
     points: Array,
     rest_points: Array,
-    reach: float,
+    alarm: float,
+    travel: Array,
     least_rest: float,
     topology: Topology,
     boxes: Boxes,
@@ -32,7 +33,8 @@ def sweep(
     Args:
         points: Vertex positions in [m], shape (V, 3).
         rest_points: The same at rest.
-        reach: Largest distance in [m].
+        alarm: Largest distance in [m] of surfaces that stand still.
+        travel: What each surface adds to it in [m], shape (s,).
         least_rest: Two points of one body count only if they are farther apart than this at rest, in [m].
         topology: What stays the same.
         boxes: Overwritten.
@@ -45,6 +47,7 @@ def sweep(
     needed = 0
     for p in range(topology.pairs.shape[0]):
         sa, sb = topology.pairs[p, 0], topology.pairs[p, 1]
+        reach = alarm + travel[sa] + travel[sb]
         if apart(boxes.surface, sa, boxes.surface, sb, reach):
             continue
         for s in (sa, sb):

@@ -32,7 +32,8 @@ class Carrier:
         local: Positions in the carrier's frame in [m], shape (k, 3).
         rigid: Number of the free rigid body, or -1.
         frame: Number of the free frame, or -1.
-        joint: Number of the joint, or -1; all three -1: the world.
+        joint: Number of the joint that moves it, or -1.
+        base: Number of the joint whose base it is, or -1; all four -1: the world.
     """
 
     vertices: slice
@@ -40,6 +41,7 @@ class Carrier:
     rigid: int = -1
     frame: int = -1
     joint: int = -1
+    base: int = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +108,7 @@ class Contacts:
         self._nodes, self._weights = nodes[self._soft], weights[self._soft]
         self._carried = _carried(surfaces, nodes, weights, carriers, model)
         self._spheres = tuple(each for each in carriers if self._carried.radius[each.vertices].any())
-        self._moving = any(carrier.frame >= 0 or carrier.joint >= 0 for carrier in carriers)
+        self._moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
         start = self.points(model, model.rest_state())
         self._detector = Detector(surfaces, start, settings)
 
@@ -127,7 +129,8 @@ class Contacts:
         """What touches in a step from `before` that moves freely to `free`."""
         points, moved = self.points(model, before), self.points(model, free)
         moved -= points
-        near = self.near(points, self.settings.alarm_distance + 2.0 * self._farthest(moved, model, before))
+        travel = self._farthest(moved, model, before)
+        near = self._detector.detect(points, self.settings.alarm_distance, travel)
         directions = _directions(near.normal)
         slip = np.einsum("kc,kci->ki", near.a_weights, moved[near.a])
         slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
@@ -142,14 +145,15 @@ class Contacts:
         keys = (near.key % KEYS).astype(float)
         return Touching(rows, on_rigid, gap.ravel(), directions, 0.5 * middle, near.pair, keys)
 
-    def _farthest(self, moved: Array, model: Model, before: State) -> float:
-        """How far a vertex may move in the step, in [m].
+    def _farthest(self, moved: Array, model: Model, before: State) -> Array:
+        """How far a vertex of each surface may move in the step, in [m], shape (s,).
 
         Soft vertices by their velocity at its start: in free motion cables let go, and everything flies.
         """
         likely = moved.copy()
         likely[self._soft] = np.einsum("vk,vki->vi", self._weights, before.velocities[self._nodes]) * model.dt
-        return float(np.sqrt((likely**2).sum(axis=1).max(initial=0.0)))
+        squares = (likely**2).sum(axis=1)
+        return np.sqrt(np.maximum.reduceat(squares, [each.vertices.start for each in self.surfaces]))
 
     def _rolled(self, model: Model, before: State, free: State) -> Array:
         """Radius times rotation vector of each sphere within the step in [m], zeros elsewhere, (v, 3)."""
@@ -199,6 +203,8 @@ def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
         return state.frame_positions[carrier.frame], state.frame_rotations[carrier.frame]
     if carrier.joint >= 0:
         return model.joint_frame(carrier.joint, state)
+    if carrier.base >= 0:
+        return model.base_frame(carrier.base, state)
     return np.zeros(3), np.eye(3)
 
 
@@ -227,6 +233,8 @@ def _border(carrier: Carrier, model: Model) -> list[int]:
         return list(range(6 * carrier.frame, 6 * carrier.frame + 6))
     if carrier.joint >= 0:
         return [6 * len(model.frame_names) + j for j in model.chain(carrier.joint)]
+    if carrier.base >= 0:
+        return [6 * len(model.frame_names) + j for j in model.chain(carrier.base)[:-1]]
     return []
 
 

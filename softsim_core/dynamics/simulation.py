@@ -395,8 +395,8 @@ class Simulation:
         for j, joint in enumerate(self.model.joints):
             if joint.cable:
                 continue
-            base = joint.base_origin(self.base_shift) + self.model.carried(j, state)
-            poses[joint.name] = Pose(base, quaternion_of(joint.base_rotation))
+            base, turn = self.model.base_frame(j, state)
+            poses[joint.name] = Pose(base, quaternion_of(turn))
             origin, rotation = self.model.joint_frame(j, state)
             poses[f"{joint.name}_horn"] = Pose(origin, quaternion_of(rotation))
         return poses
@@ -416,6 +416,9 @@ class Simulation:
             elif body.on in self.model.frame_names:
                 f = self.model.frame_names.index(body.on)
                 origin, turn = state.frame_positions[f], state.frame_rotations[f]
+            elif body.on != "world":
+                j = self.joint_names.index(body.on.removesuffix("_base"))
+                origin, turn = self.model.base_frame(j, state)
             poses.append(Pose(origin + turn @ body.position, quaternion_of(turn @ body.rotation)))
         return tuple(poses)
 

@@ -160,6 +160,11 @@ class Model:
         origin, rotation = self.joints[j].frame(position, shift)
         return origin + self.carried(j, state), rotation
 
+    def base_frame(self, j: int, state: State) -> tuple[Array, Array]:
+        """Origin (3,) and rotation (3, 3) of the base of joint j."""
+        joint = self.joints[j]
+        return joint.base_origin(float(state.base_shift[0])) + self.carried(j, state), joint.base_rotation
+
     def carried(self, j: int, state: State) -> Array:
         """How far the joints that carry joint j have moved its base, in [m], shape (3,)."""
         shift = np.zeros(3)
@@ -204,7 +209,7 @@ class Model:
                 continue
             axis = joint.base_rotation @ joint.axis
             (angular if joint.revolute else linear)[k] = axis
-            origin[k] = joint.base_origin(float(state.base_shift[0])) + self.carried(j, state)
+            origin[k] = self.base_frame(j, state)[0]
         return Screws(angular, linear, origin)
 
     def advance_border(self, state: State, velocities: Array) -> None:

@@ -131,7 +131,9 @@ def _carrier(
         return Carrier(vertices, local, joint=scene.joint_names.index(thing.on))
     if thing.on in model.frame_names:
         return Carrier(vertices, local, frame=model.frame_names.index(thing.on))
-    return Carrier(vertices, local)
+    if thing.on == "world":
+        return Carrier(vertices, local)
+    return Carrier(vertices, local, base=scene.joint_names.index(thing.on.removesuffix("_base")))
 
 
 def _check_start(contacts: Contacts, model: Model, scene: SceneDescription) -> None:

@@ -460,7 +460,8 @@ class SceneDescription:
                 known(f"body of cable {each.name}", each.cable.body, bodies)
                 known(f"pull_on of cable {each.name}", each.cable.pull_on, frames)
         for rigid in self.rigid_bodies:
-            known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames))
+            carriers = ("world", *free, *frames, *(f"{name}_base" for name in frames))
+            known(f"carrier of rigid body {rigid.name}", rigid.on, carriers)
         for collision in self.collisions:
             known(f"body of collision {collision.name}", collision.body, self.body_names)
         known("effector (an attachment with to = free)", self.effector, free)

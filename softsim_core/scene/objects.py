@@ -110,7 +110,7 @@ class RigidBodyDescription:
             density.
         pose: Where it starts in the world, or in the frame of `on` (its scale is not used).
         on: What carries a body without mass: "world", the name of a free frame (an attachment with to =
-            free), or of a joint (the frame that the joint moves).
+            free), or of a joint (the frame that the joint moves), or JOINT_base (the joint's base).
         colour: Red, green, blue, alpha in 0..1.
     """
 
