@@ -13,8 +13,10 @@ from softsim_core.contact.newton import newton_step
 
 _SWEEPS = 8
 """Sweeps before Newton's method tries from where they led."""
-_NEWTON = 8
+_NEWTON = 16
 """Newton steps in a row, as long as each brings the residual down."""
+_SOFTENINGS = (1.0e-6, 1.0e-3)
+"""Softenings of Newton's matrix; the second where the first leads nowhere."""
 
 
 class ContactSolution(NamedTuple):
@@ -90,13 +92,15 @@ def _solve(
             residual, squares = violation(compliance, state, lower, upper, friction, forces)
             if residual <= tolerance:
                 break
-        planned *= 2  # Newton's method was no help, or will not be needed again
+        planned += _SWEEPS  # more each time that Newton's method was no help
+        soft = 0
         state[:] = gap + compliance @ forces  # sums of small changes gather round-off
         residual, squares = violation(compliance, state, lower, upper, friction, forces)
         for _ in range(_NEWTON):
             if residual <= tolerance:
                 break
-            aim = newton_step(compliance, gap, lower, upper, friction, forces, state)
+            softening = _SOFTENINGS[soft]
+            aim = newton_step(compliance, gap, lower, upper, friction, forces, state, softening)
             better = False
             for share in (1.0, 0.5, 0.25, _until_one_opens(lower.shape[0], forces, aim)):
                 trial = forces + share * (aim - forces)
@@ -107,7 +111,10 @@ def _solve(
                 if better:
                     break
             if not better:
-                break
+                soft += 1
+                if soft == len(_SOFTENINGS):
+                    break
+                continue
             forces[:], state[:], residual, squares = trial, trial_state, largest, total
     return residual, sweeps
 
