@@ -54,3 +54,12 @@ def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None
 
     good = GraspResult(lift=0.03, slip=0.001, held=5.5, returned=0.001, tension=2.0)
     assert replace(good, **changed).passed is passes
+
+
+def test_without_friction_the_check_misses(ros_domain: int, tmp_path: Path) -> None:
+    slippery = tmp_path / "slippery.yaml"
+    robot = REPOSITORY / "configs" / "robots" / "cable_gripper.yaml"
+    slippery.write_text(f"extends: {robot}\nname: slippery\ncontact: {{friction: 0.0}}\n")
+    done = run_demo("--check", "--robot", str(slippery))
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "missed its marks" in done.stdout
