@@ -26,8 +26,10 @@ def newton_step(
 
     Rows that one step of projection puts at a bound, or whose contact it opens, are fixed there. The gaps of
     the others must vanish; friction of a sliding contact must lie on the cone, against the slip. The result
-    may leave cones and bounds. `softening` is the share by which each row's own compliance is raised: redundant
-    contacts make the matrix singular, and nearly equal ones would push against each other.
+    may leave cones and bounds.
+
+    Each row's own compliance is raised by the share `softening`: redundant contacts make the matrix singular,
+    and nearly equal ones would push against each other.
 
     Source: Alart and Curnier 1991 (generalised Newton for friction).
     """
