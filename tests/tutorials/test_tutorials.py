@@ -1,0 +1,178 @@
+"""Every step of the tutorials runs, every command in the text is one, and pictures show today's scenes."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+from tutorial_pages import (
+    PAGES,
+    QUICK_START,
+    README,
+    REPOSITORY,
+    TUTORIALS,
+    Fence,
+    anchors,
+    code_lines,
+    commands,
+    fences,
+    links,
+)
+
+from softsim_core import Simulation, load_scene
+from softsim_ros.cli.app import COMMANDS
+from softsim_ros.cli.nodes import NODES
+
+STEPS = 50
+READY_S = 90.0  # the first start on a machine compiles kernels
+FENCES = [fence for page in PAGES for fence in fences(page)]
+CONSOLE = [fence for fence in FENCES if fence.language == "console"] + list(fences(README, QUICK_START))
+STARTED = [fence for fence in CONSOLE if fence.flags is not None]
+STEP_PAGES = [page for page in PAGES if page.parent != TUTORIALS]
+STARTS = sorted(path for path in (REPOSITORY / "configs" / "tutorials").rglob("step_*") if path.is_file())
+
+
+@functools.cache
+def run(scene: str) -> None:
+    """A scene takes some steps and stays finite."""
+    simulation = Simulation(load_scene(scene))
+    for _ in range(STEPS):
+        simulation.step()
+    assert np.isfinite(simulation.positions).all()
+    assert all(np.isfinite(pose.position).all() for pose in simulation.rigid_poses)
+
+
+def parsed(name: str, words: list[str]) -> argparse.Namespace:
+    """The command line of a subcommand as the program reads it; unknown options end the test."""
+    assert name in COMMANDS, f"unknown command {name}"
+    module = importlib.import_module(COMMANDS[name].module)
+    parser = argparse.ArgumentParser(prog=name, allow_abbrev=False)
+    module.configure(parser)
+    return parser.parse_args(words)
+
+
+@pytest.mark.parametrize("fence", CONSOLE, ids=str)
+def test_every_command_of_the_text_is_one(fence: Fence, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(REPOSITORY)
+    for program, name, *words in commands(fence):
+        assert program == "./softsim"
+        if name == "run":
+            assert words[0] in NODES, f"unknown node {words[0]}"
+            assert words[1:2] in ([], ["--ros-args"])
+            continue
+        arguments = parsed(name, words)
+        if name == "up":
+            run(arguments.robot)
+
+
+@pytest.mark.parametrize("start", STARTS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_every_start_version_runs_and_says_what_to_write(start: Path) -> None:
+    run(str(start))
+    assert "Write here: " in start.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", STEP_PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def test_every_step_has_a_finished_scene_a_start_version_and_a_picture(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for part in ("**Goal.**", "**Explore**", "Finished: [", "start: [", "](../pictures/"):
+        assert part in text, part
+    targets = [(page.parent / target).resolve() for target in links(page) if "configs/" in target]
+    finished = [target for target in targets if target.parent.name == "scenes"]
+    assert finished
+    assert any(target in STARTS for target in targets)
+    for scene in finished:
+        run(str(scene))
+    pictures = [page.parent / target for target in links(page) if target.endswith(".png")]
+    assert all(picture.stat().st_size < 80_000 for picture in pictures)
+
+
+def test_every_start_version_belongs_to_a_page() -> None:
+    named = {(page.parent / target).resolve() for page in STEP_PAGES for target in links(page)}
+    assert set(STARTS) <= named
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.is_file(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+SHOWN = [fence for fence in FENCES if fence.language in ("yaml", "python", "json")]
+
+
+@pytest.mark.parametrize("fence", SHOWN, ids=str)
+def test_code_of_the_text_is_that_of_the_scene_or_runs(fence: Fence, tmp_path: Path) -> None:
+    if fence.source is not None:
+        lines = code_lines(fence.source.read_text(encoding="utf-8"))
+        missing = [line for line in code_lines(fence.body) if line not in lines]
+        assert not missing, f"not in {fence.source.name}"
+    else:
+        assert fence.language == "python"
+        scene = tmp_path / "scene.py"
+        scene.write_text(fence.body, encoding="utf-8")
+        run(str(scene))
+
+
+@pytest.mark.slow
+def test_the_pictures_show_the_scenes_of_today() -> None:
+    spec = importlib.util.spec_from_file_location("tutorial_pictures", TUTORIALS / "pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pictures = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = pictures
+    spec.loader.exec_module(pictures)
+    pytest.importorskip("daqp")
+    shown = {shot.scene for shot in pictures.SHOTS}
+    assert shown == {file.stem for file in (TUTORIALS / "pictures").glob("*.png")}
+    assert not [sentence for sentence in map(pictures.difference, pictures.SHOTS) if sentence]
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("fence", STARTED, ids=str)
+def test_marked_commands_run_and_end_at_ctrl_c(
+    fence: Fence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    ((_, *words),) = commands(fence)
+    assert fence.flags is not None
+    said = tmp_path / "said.txt"
+    with said.open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "softsim_ros.cli", *words, *fence.flags.split()],
+            cwd=REPOSITORY,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        )
+    try:
+        end = time.monotonic() + READY_S
+        while "running" not in said.read_text() and process.poll() is None and time.monotonic() < end:
+            threading.Event().wait(0.05)
+        assert "running" in said.read_text(), said.read_text()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0, said.read_text()
+        assert "Traceback" not in said.read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
