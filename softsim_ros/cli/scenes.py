@@ -1,19 +1,31 @@
-"""`softsim scenes`: the robots and scenes that can be named."""
+"""`softsim scenes`: the robots and scenes that can be named, and one of them with all its values."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import sys
+from collections.abc import Mapping
+from typing import Any
 
+from softsim_core.errors import SoftSimError
 from softsim_core.scene.files import config_roots, known_scenes
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--paths", action="store_true", help="show the files, too")
+    parser.add_argument(
+        "--show",
+        metavar="SCENE",
+        help="print one, name or file, as YAML with every value that it inherits, computes or leaves out",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what is known, and where it was looked for."""
+    """Print what is known and where it was looked for, or one scene."""
+    if arguments.show is not None:
+        return _show(arguments.show)
     for kind in ("robots", "scenes"):
         print(f"{kind}:")
         known = known_scenes(kind)
@@ -24,3 +36,28 @@ def run(arguments: argparse.Namespace) -> int:
     roots = ", ".join(map(str, config_roots())) or "nowhere: set SOFTSIM_CONFIG_PATH to a configs folder"
     print(f"found in: {roots}")
     return 0
+
+
+def _show(scene: str) -> int:
+    try:
+        from softsim_core.scene import load_scene
+        from softsim_core.scene.structure import unstructure_scene
+
+        yaml = importlib.import_module("yaml")
+        data = _plain(unstructure_scene(load_scene(scene)))
+    except (SoftSimError, ImportError) as error:
+        print(f"softsim scenes: {error}", file=sys.stderr)
+        return 1
+    print(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), end="")
+    return 0
+
+
+def _plain(value: Any) -> Any:
+    """What YAML can hold; meshes made in Python are named by their size."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return f"made in Python: {len(value.points)} nodes, {len(value.tets)} tetrahedra"

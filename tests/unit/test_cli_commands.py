@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from softsim_core.scene import load_scene
 from softsim_ros.cli import app, main, suite
 from softsim_ros.cli.nodes import NODES
 
@@ -77,6 +79,33 @@ def test_scenes_names_robots_and_their_files(capsys: pytest.CaptureFixture[str])
     assert "  tripod  " in shown
     assert "tripod.yaml" in shown
     assert "found in: " in shown
+
+
+@pytest.mark.parametrize("name", ["tripod", "cable_gripper", "tripod_step_3", "tripod_step_4_3"])
+def test_a_shown_scene_is_the_scene(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "--show", name]) == 0
+    file = tmp_path / "written.yaml"
+    file.write_text(capsys.readouterr().out)
+    asked = load_scene(name)
+    assert dataclasses.replace(load_scene(file), source=None) == dataclasses.replace(
+        asked, source=None, controllers=()
+    )
+
+
+def test_a_shown_scene_tells_meshes_made_in_python_and_mistakes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(
+        "from softsim_core.mesh.generators import box_mesh\n"
+        "from softsim_core.scene.parts import elastic_body\n"
+        "def create_scene(scene):\n"
+        "    scene.add(elastic_body('block', box_mesh((0.1, 0.1, 0.1), (1, 1, 1)), total_mass=0.1))\n"
+    )
+    assert main(["scenes", "--show", str(file)]) == 0
+    assert "made in Python: 8 nodes" in capsys.readouterr().out
+    assert main(["scenes", "--show", "nothing"]) == 1
+    assert capsys.readouterr().err.startswith("softsim scenes: ")
 
 
 def test_the_suite_passes_its_arguments_to_pytest(tmp_path: Path) -> None:
