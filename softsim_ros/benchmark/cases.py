@@ -11,11 +11,12 @@ from softsim_core.scene import load_scene
 from softsim_core.scene.description import RotationLaw, SceneDescription
 from softsim_core.scene.files import config_file
 from softsim_core.scene.values import MeshFile, Placement
+from softsim_ros.benchmark import touching
 
 LEVELS = ("low", "mid", "high")
 REFERENCE = "reference_"
 MESHES = (*LEVELS, *(REFERENCE + level for level in LEVELS))
-SCENES = ("held_centre", "tripod", "inverse")
+SCENES = ("held_centre", "tripod", "inverse", *touching.SCENES)
 
 OUR_PLACEMENT = Placement(translation=(0.0, 0.0, 0.025))
 REFERENCE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
@@ -52,7 +53,7 @@ def silicone(mesh: str, reference: Path) -> MeshFile:
 
 
 def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
-    """A benchmark scene: held_centre, the whole tripod, or the tripod again for inverse control.
+    """A benchmark scene: held_centre, the tripod (again for inverse control), or one with cables and contact.
 
     Our meshes run with the robot's own rotation law (polar), the reference's with the reference's (qr); both
     scenes of a mesh share the law.
@@ -60,6 +61,8 @@ def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
     Raises:
         SoftSimError: a file is missing or broken.
     """
+    if scene in touching.SCENES:
+        return touching.describe_touching(scene)
     law: RotationLaw = "qr" if mesh.startswith(REFERENCE) else "polar"
     body = {"name": "silicone", "mesh": silicone(mesh, reference), "surface": None}
     named = "tripod" if scene == "inverse" else scene
@@ -76,11 +79,13 @@ def available_meshes(reference: Path) -> list[str]:
 
 
 def cases(meshes: Iterable[str], scenes: Iterable[str], reference: Path) -> Iterator[list[Case]]:
-    """The cases of each mesh in turn, those of one mesh together.
+    """The cases of each mesh in turn, those of one mesh together; what touches with our low meshes only.
 
     Raises:
         SoftSimError: a file is missing or broken.
     """
     chosen = tuple(scenes)
     for mesh in meshes:
-        yield [Case(scene, mesh, describe(scene, mesh, reference)) for scene in chosen]
+        group = [scene for scene in chosen if mesh == "low" or scene not in touching.SCENES]
+        if group:
+            yield [Case(scene, mesh, describe(scene, mesh, reference)) for scene in group]

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from softsim_ros.benchmark.touching import HELD_MS, LIMITS
+
 HELD_LIMIT = 1.0 / 6.0
 """The held body's step costs at most this share of one SuperLU factorisation of its matrix."""
 
@@ -23,7 +25,8 @@ class Record:
     """One measured thing.
 
     Attributes:
-        scene: "held_centre", "tripod", or "inverse" (a tick of inverse control of the Tripod).
+        scene: "held_centre", "tripod", "inverse" (a tick of inverse control of the Tripod), or one of
+            touching.SCENES.
         mesh: "low", "mid", "high" (ours) or "reference_low", ...
         path: "numba", "scipy" or a peer's name.
         nodes: Nodes of the mesh.
@@ -77,6 +80,7 @@ def judge(records: Iterable[Record]) -> None:
     records = list(records)
     tripod = {each.mesh: each for each in records if each.scene == "tripod" and each.path == "numba"}
     held = {each.mesh: each for each in records if each.scene == "held_centre" and each.path == "numba"}
+    slow = {(each.scene, each.mesh): each for each in records if each.path == "scipy"}
     for record in records:
         if record.path != "numba":
             continue
@@ -93,6 +97,12 @@ def judge(records: Iterable[Record]) -> None:
             record.ratio, record.limit = record.min_ms / step.min_ms, TICK_LIMIT
             record.extras["median_ratio"] = record.median_ms / step.median_ms
             record.against = "tripod"
+        elif record.scene in LIMITS:
+            if record.mesh in held:
+                record.ratio = record.min_ms / held[record.mesh].min_ms
+                record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
+            if (record.scene, record.mesh) in slow:
+                record.extras["scipy_ratio"] = record.min_ms / slow[record.scene, record.mesh].min_ms
 
 
 def write_json(records: Iterable[Record], file: Path) -> None:

@@ -15,10 +15,12 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.scipy_step import ScipyStepper, factorised
 from softsim_core.dynamics.stepper import Inputs
+from softsim_ros.benchmark import touching
 from softsim_ros.benchmark.cases import Case
 from softsim_ros.benchmark.control import MovingGoal, can_control
 from softsim_ros.benchmark.records import Record
 from softsim_ros.benchmark.timing import Contender, take_turns
+from softsim_ros.benchmark.touching import TouchingScene
 
 STEPS_A_TURN = {"numba": 20, "scipy": 1}
 FACTORISATIONS_A_TURN = 2
@@ -119,19 +121,23 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
     steps = [case for case in cases if case.scene != "inverse"]
     for case in steps:
         for path in paths:
-            scene = MovingScene(case, path)
+            scene: MovingScene | TouchingScene
+            if case.scene in touching.SCENES:
+                scene = TouchingScene(case.scene, case.description, path)
+            else:
+                scene = MovingScene(case, path)
             contenders.append(
                 Contender(f"{case.scene} {path}", scene.simulation.step, STEPS_A_TURN[path], scene.stir)
             )
-            if path == paths[0]:
+            sizes[case.scene] = (len(scene.simulation.positions), len(scene.simulation.tets))
+            if path == paths[0] and isinstance(scene, MovingScene):
                 splu = Factorisation(scene)
                 contenders.append(
                     Contender(f"{case.scene} splu", splu.run, FACTORISATIONS_A_TURN, splu.prepare)
                 )
-                sizes[case.scene] = (len(scene.simulation.positions), len(scene.simulation.tets))
     times = take_turns(contenders, rounds)
     return [
-        _record(case, path, sizes[case.scene], times[f"{case.scene} {path}"], times[f"{case.scene} splu"])
+        _record(case, path, sizes[case.scene], times[f"{case.scene} {path}"], times.get(f"{case.scene} splu"))
         for case in steps
         for path in paths
     ] + [_record(case, "numba", sizes[case.scene], times["inverse"], None) for case in ticks]

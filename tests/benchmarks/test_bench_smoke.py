@@ -12,12 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from softsim_ros.benchmark import cases
 from softsim_ros.benchmark.cases import Case, default_reference_dir, describe
 from softsim_ros.benchmark.control import can_control
 from softsim_ros.benchmark.machine import limit_threads
 from softsim_ros.benchmark.records import Record, judge
 from softsim_ros.benchmark.report import table
 from softsim_ros.benchmark.timing import Contender, take_turns
+from softsim_ros.benchmark.touching import LIMITS
+from softsim_ros.benchmark.touching import SCENES as TOUCHING
+from softsim_ros.cli.bench import SCENES
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -53,12 +57,12 @@ def test_bench_tells_machine_threads_and_verdicts(quick_run: tuple[str, list[dic
 @pytest.mark.slow
 def test_bench_json_has_the_fixed_keys_first(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
     _, records = quick_run
-    scenes = {"held_centre", "tripod"} | ({"inverse"} if can_control() else set())
+    scenes = {"held_centre", "tripod", *TOUCHING} | ({"inverse"} if can_control() else set())
     assert {(each["scene"], each["mesh"]) for each in records} == {(scene, "low") for scene in scenes}
     for each in records:
         assert tuple(each)[: len(KEYS)] == KEYS
         assert 0.0 < each["min_ms"] <= each["median_ms"]
-        assert each["nodes"] > 200
+        assert each["nodes"] > 150
         assert each["elements"] > 500
 
 
@@ -75,6 +79,13 @@ def test_ratios_are_sane(quick_run: tuple[str, list[dict[str, Any]]]) -> None:
         tick = step["inverse", "numba"]
         assert tick["min_ms"] < 6.0 * step["tripod", "numba"]["min_ms"]  # the target is 3
         assert tick["limit"] == 3.0
+    for scene in TOUCHING:
+        assert step[scene, "numba"]["limit"] == pytest.approx(LIMITS[scene] / 0.17)
+        assert step[scene, "numba"]["scipy_ratio"] < 1.0
+
+
+def test_the_command_knows_the_scenes_that_are_measured() -> None:
+    assert SCENES == cases.SCENES
 
 
 @pytest.mark.parametrize(
