@@ -11,7 +11,7 @@ from softsim_core.scene.description import JointDescription, KeyBinding, SceneDe
 from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
 from softsim_ros.teleop.goal import GOAL_KEYS, goal_help, goal_line
-from softsim_ros.teleop.state import BridgeState, TeleopState
+from softsim_ros.teleop.state import STALE_AFTER_S, BridgeState, TeleopState
 from softsim_ros.teleop.tilt import TILT_KEYS, tilt_line
 
 BAR_WIDTHS: Final = (24, 16, 10)
@@ -58,13 +58,14 @@ def render(view: View, width: int, height: int) -> list[str]:
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
         (1, status_lines(view, width)),
         (1, _wrap(_goal_line(view), width) if view.state.inverse else []),
-        (7, [""]),
+        (7, _pulse_lines(view)),
+        (8, [""]),
         (5, joints[:1]),
         (0, joints[1:]),
-        (7, [""]),
+        (8, [""]),
         (3, [f"key: {view.state.last_key or '-'}"]),
         (2, message),
-        (7, [""]),
+        (8, [""]),
         (6, _help_lines(view, width)),
     ]
     kept = list(sections)
@@ -104,6 +105,14 @@ def status_lines(view: View, width: int) -> list[str]:
         parts.append(f"inverse control: on{note}")
     line = "   ".join(parts)
     return [line] if len(line) <= width else parts
+
+
+def _pulse_lines(view: View) -> list[str]:
+    """What an emulated board measures on its pins; no line without one."""
+    state = view.state
+    if view.now - state.pulses_at > STALE_AFTER_S:
+        return []
+    return [f"emulated board: pulses {' '.join(f'{w:.0f}' for w in state.pulses_us) or 'none yet'} (us)"]
 
 
 def _goal_line(view: View) -> str:

@@ -58,6 +58,8 @@ class TeleopState:
         effector_at: Time of that message, steady clock, in [s].
         tilt: The closed loop's reference while the loop is on; None: it is not.
         bridge: State of the servo bridge.
+        pulses_us: Pulse widths in [us] that an emulated board measures on its pins; empty: there are none.
+        pulses_at: Time of that message, steady clock, in [s]; without an emulated board there is none.
         seen_at: When each key was last seen, repeats included, in [s].
         acted_at: When each key last had an effect, in [s].
         last_key: Label of the newest key.
@@ -80,6 +82,8 @@ class TeleopState:
     effector_at: float = -math.inf
     tilt: TiltReference | None = None
     bridge: BridgeState = "not running"
+    pulses_us: tuple[float, ...] = ()
+    pulses_at: float = -math.inf
     seen_at: Mapping[str, float] = field(default_factory=dict)
     acted_at: Mapping[str, float] = field(default_factory=dict)
     last_key: str = ""

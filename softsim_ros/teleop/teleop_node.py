@@ -106,6 +106,9 @@ class Teleop(ClosableNode):
         )
         self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
         self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
+        self.create_subscription(
+            Float64MultiArray, "emulated_board/pulse_widths", self._on_pulses, _NEWEST_ONLY
+        )
         self._joint_states_at = -math.inf
         self._held_at = -math.inf
         self.create_subscription(Log, "/rosout", self._on_log, 10)
@@ -279,6 +282,9 @@ class Teleop(ClosableNode):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.state = with_heard_command(self.state, self.robot, message.data, time.monotonic())
+
+    def _on_pulses(self, message: Float64MultiArray) -> None:
+        self.state = replace(self.state, pulses_us=tuple(message.data), pulses_at=time.monotonic())
 
     def _on_log(self, message: Log) -> None:
         """Show warnings and errors of the robot's other nodes."""

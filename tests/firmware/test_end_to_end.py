@@ -219,30 +219,31 @@ def test_a_second_opener_is_refused_and_disturbs_nothing(
     assert fastest_step_us(far_end) < 1.0
 
 
-@pytest.mark.parametrize("phase", ["boot window", "ramp", "streaming"])
 def test_unplugged_at_any_time_it_comes_back_slowly(
     bridge: Callable[..., NodeProcess],
     far_end: EmulatedBoardPty,
     client: BridgeClient,
     stream: Callable[[Any, Any], Stream],
-    phase: str,
 ) -> None:
     from std_msgs.msg import Float64MultiArray
 
     process = bridge()
     publisher = client.publisher(Float64MultiArray, "position_controller/commands")
     stream(publisher, commands(90, 120, 165))
-    reached = {
-        "boot window": lambda board: board.open_count == 1,
+    phases = {
+        "boot window": lambda board: board.is_open,
         "ramp": lambda board: (board.widths_us() or (9999.0,))[0] < byte_to_width(140),
         "streaming": at(90, 120, 165),
-    }[phase]
-    assert far_end.wait_for(reached)
-    far_end.unplug()
-    far_end.clear()
-    far_end.replug()  # a new port behind the same link
+    }
+    for phase, reached in phases.items():
+        assert far_end.wait_for(reached), f"{phase}: {far_end.widths_us()} {process.output}"
+        assert fastest_step_us(far_end) <= SLEW_US + 1.0
+        far_end.unplug()
+        far_end.clear()
+        far_end.replug()  # a new port behind the same link
     assert far_end.wait_for(at(90, 120, 165)), f"{far_end.widths_us()} {process.output}"
     assert fastest_step_us(far_end) <= SLEW_US + 1.0
+    assert far_end.open_count >= 4
 
 
 class NoisyLine:
@@ -331,3 +332,14 @@ def test_the_emulated_board_of_softsim_up_shows_its_pulses(tmp_path: Path) -> No
         assert terminal.wait() == 0, terminal.text
         assert "pulses none yet" in terminal.text
         assert "Traceback" not in terminal.text
+
+
+def test_the_teleop_shows_the_pulses_of_the_emulated_board(tmp_path: Path) -> None:
+    up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--no-viewer", "--board", "emulated"]
+    with TerminalSession(up, environment={"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
+        terminal.wait_for("emulated board: pulses none yet")
+        terminal.type(b"b")
+        shown = re.compile(r"pulses 23\d\d 23\d\d 23\d\d \(us\)")
+        assert terminal.wait_until(lambda: bool(shown.search(terminal.screen))), terminal.text
+        terminal.type(b"x")
+        assert terminal.wait() == 0

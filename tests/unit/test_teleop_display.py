@@ -101,10 +101,20 @@ def test_small_terminals_keep_what_matters(
         (replace(STATE, bridge="init"), 10.0, "init (port closed)"),
         (TeleopState(), 0.0, "servo bridge: not running"),
         (replace(STATE, inverse=True), 10.0, "inverse control: on"),
+        (replace(STATE, pulses_at=9.0), 10.0, "emulated board: pulses none yet (us)"),
+        (
+            replace(STATE, pulses_at=9.0, pulses_us=(1472.06, 1781.3, 2090.7)),
+            10.0,
+            "emulated board: pulses 1472 1781 2091 (us)",
+        ),
     ],
 )
 def test_states_have_words(state: TeleopState, now: float, wanted: str) -> None:
     assert wanted in "\n".join(shown(state, (120, 24), now))
+
+
+def test_pulses_that_nobody_measures_any_more_are_not_shown() -> None:
+    assert "emulated" not in "\n".join(shown(replace(STATE, pulses_at=7.0), now=10.0))
 
 
 def test_help_can_be_hidden() -> None:
