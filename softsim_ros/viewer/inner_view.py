@@ -129,6 +129,7 @@ class InnerView:
         return [
             self._scene.add_label(f"/frames/{joint.name}/label", joint.name.replace("_", " ").capitalize())
             for joint in self._robot.joints
+            if joint.kind == "revolute"  # the servos; slides and cables have no place of their own
         ]
 
     def _arms(self) -> list[Any]:

@@ -35,7 +35,7 @@ def joint_bars(
         lower, upper = joint.limits.lower, joint.limits.upper
         position = positions[index]
         unit = "N·m" if joint.kind == "revolute" else "N"
-        effort = f"{efforts[index]:+.3g} {unit}" if index < len(efforts) else ""
+        effort = f"{efforts[index]:+.4f} {unit}" if index < len(efforts) else ""
         outside = not lower - 1e-6 <= position <= upper + 1e-6
         colour = AMBER if outside and enforced else "#1971c2"
         bar = ""

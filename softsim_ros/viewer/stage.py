@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from visualization_msgs.msg import MarkerArray
 
 from softsim_core.scene.description import SceneDescription
 from softsim_ros.teleop.state import EffectorPose
@@ -16,8 +17,9 @@ from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.surface import MM, SurfaceView
 
-CAMERA: Final = ((95.0, -135.0, 90.0), (12.0, 10.0, 4.0))
-"""Where the camera starts and what it looks at, in [mm], for a robot of about 100 mm."""
+CAMERA_DIRECTION: Final = (0.5, -0.72, 0.48)
+CAMERA_DISTANCE: Final = 1.15
+"""Where the camera starts: this way from the middle of the bodies, so many times their diagonal away."""
 
 BACKGROUND: Final = (222, 228, 235)
 FLOOR_MM: Final = -20.0
@@ -58,7 +60,7 @@ class Stage:
         else:
             scene.configure_environment_map("studio", environment_intensity=0.35)
         scene.set_background_image(np.full((2, 2, 3), BACKGROUND, np.uint8), format="png")
-        scene.add_grid(
+        self._floor = scene.add_grid(
             "/floor",
             width=300.0,
             height=300.0,
@@ -81,6 +83,11 @@ class Stage:
         self._goal: Any = None
         self._goal_moved_at = -np.inf
         self._goal_dragged = False
+
+    def show_rigid(self, message: MarkerArray) -> None:
+        """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
+        self.rigid.show(message)
+        self._floor.visible = not message.markers
 
     # --- goal -----------------------------------------------------------------------------------------
 
@@ -169,9 +176,21 @@ class Stage:
         self.draw_rope()
 
 
-def reset_cameras(server: Any) -> None:
-    """Move the camera of every browser to where it started."""
-    position, target = CAMERA
+def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Position and target of a camera that sees `points` (p, 3) in [mm] beside the panel."""
+    if not len(points):
+        points = np.array([[-60.0, -60.0, 0.0], [60.0, 60.0, 30.0]], dtype=np.float32)
+    lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    diagonal = float(np.linalg.norm(upper - lower))
+    target = 0.5 * (lower + upper) - (0.0, 0.0, 0.12 * diagonal)
+    position = target + CAMERA_DISTANCE * diagonal * np.array(CAMERA_DIRECTION)
+    return tuple(position.tolist()), tuple(target.tolist())
+
+
+def reset_cameras(server: Any, points: NDArray[np.float32]) -> None:
+    """Move the camera of every browser, and of those to come, to where it sees the bodies."""
+    position, target = camera_for(points)
+    server.initial_camera.position, server.initial_camera.look_at = position, target
     for client in server.get_clients().values():
         client.camera.position = position
         client.camera.look_at = target

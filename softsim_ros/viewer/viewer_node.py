@@ -47,7 +47,7 @@ from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.parameters_link import ParametersLink
 from softsim_ros.viewer.pull import REPEAT_PERIOD_S
 from softsim_ros.viewer.requested import ViewerSettings, requested_settings
-from softsim_ros.viewer.stage import CAMERA, Stage, reset_cameras
+from softsim_ros.viewer.stage import Stage, reset_cameras
 from softsim_ros.viewer.surface import MM, Part
 from softsim_ros.viewer.tuning import Tunable
 
@@ -83,7 +83,6 @@ class Viewer(Teleop):
         self._inbox = Inbox()
         token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
-        self._server.initial_camera.position, self._server.initial_camera.look_at = CAMERA
         self.scene_name = robot.name
         self.efforts: Sequence[float] = ()
         self.stages: dict[str, dict[str, str]] = {}
@@ -93,6 +92,8 @@ class Viewer(Teleop):
         self.pull_stiffness = 30.0
         self.slider_at = -math.inf
         self._structure: dict[str, Any] = {}
+        self._seen = ""
+        self._rigid: MarkerArray | None = None
         self._topology: Mesh | None = None
         self._tetrahedra = np.zeros((0, 4), np.int64)
         self._points: PointCloud2 | None = None
@@ -136,7 +137,7 @@ class Viewer(Teleop):
         subscribe(DiagnosticArray, "stage_statistics", self._on_stages, _NEWEST_ONLY)
         subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), _NEWEST_ONLY)
         subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), _NEWEST_ONLY)
-        subscribe(MarkerArray, "bodies/topology", lambda message: self.stage.rigid.show(message), _LATCHED)
+        subscribe(MarkerArray, "bodies/topology", self._on_rigid, _LATCHED)
         subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), _NEWEST_ONLY)
         self._nodes_subscription: Any = None
 
@@ -153,6 +154,8 @@ class Viewer(Teleop):
             self.controls = Controls(self._server, self._inbox, self, self.robot)
         self.parameters.names = self.controls.parameter_names
         self._show_surface()
+        if self._rigid is not None:  # it may have come before the structure
+            self.stage.show_rigid(self._rigid)
 
     # --- the loop -------------------------------------------------------------------------------------
 
@@ -218,6 +221,10 @@ class Viewer(Teleop):
         if order is not None and len(message.effort) == len(message.name):
             self.efforts = [message.effort[index] for index in order]
 
+    def _on_rigid(self, message: MarkerArray) -> None:
+        self._rigid = message
+        self.stage.show_rigid(message)
+
     def _on_structure(self, message: String) -> None:
         """Another scene: its description is read anew from its file, and the page is made anew."""
         self._structure = json.loads(message.data)
@@ -267,6 +274,9 @@ class Viewer(Teleop):
         with self._server.atomic():
             self.stage.surface.show(parts, (points * MM).astype(np.float32))
             self.stage.inner.set_structure(self._tetrahedra, structure["zones"])
+        if self._seen != structure["name"]:  # the same scene loaded anew keeps the view
+            self._seen = structure["name"]
+            self.reset_view()
 
     def _on_points(self, message: PointCloud2) -> None:
         self._points = message
@@ -399,7 +409,7 @@ class Viewer(Teleop):
 
     def reset_view(self) -> None:
         """Move every camera to where it started."""
-        reset_cameras(self._server)
+        reset_cameras(self._server, self.stage.surface.points)
 
     def _drag_goal(self, goal: EffectorPose) -> None:
         if self.state.inverse:

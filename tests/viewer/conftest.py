@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from node_processes import spin_until
 
 sys.path.append(str(Path(__file__).parent))  # for `browser_page` and `tcp_ports`
 
@@ -29,8 +30,14 @@ def _ros_fixtures() -> ModuleType:
 
 _ROS = _ros_fixtures()
 ros_domain, start_process, client = _ROS.ros_domain, _ROS.start_process, _ROS.client
-start_robot, spin_until = _ROS.start_robot, _ROS.spin_until
+start_robot = _ROS.start_robot
 Robot, BUILD_DEADLINE_S = _ROS.Robot, _ROS.BUILD_DEADLINE_S
+
+
+@pytest.fixture(scope="session", name="spin_until")
+def _spin_until() -> Callable[..., bool]:
+    """Looks at a condition until it holds; False when the deadline passed first."""
+    return spin_until
 
 
 @pytest.fixture(scope="session")

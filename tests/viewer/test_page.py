@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
+pytest.importorskip("viser")
 
 from browser_page import BrowserPage
 from geometry_msgs.msg import PoseStamped, WrenchStamped

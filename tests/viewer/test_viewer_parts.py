@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+pytest.importorskip("viser")
 
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
@@ -21,6 +22,7 @@ from softsim_ros.viewer.marker_view import MarkerView, marker_colour, marker_poi
 from softsim_ros.viewer.properties import parts_of
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines, tetrahedra_edges
+from softsim_ros.viewer.stage import camera_for
 from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
 from softsim_ros.viewer.tuning import tunables
 from softsim_ros.viewer.units import joint_range, slider_value
@@ -173,3 +175,11 @@ def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
     view.switch(False)
     assert not strip.visible
     assert marker_points(line).dtype == np.float32
+
+
+def test_the_camera_starts_where_it_sees_the_bodies() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [300.0, 400.0, 0.0]], np.float32)
+    position, target = camera_for(corners)
+    assert target[:2] == pytest.approx((150.0, 200.0))
+    assert np.linalg.norm(np.subtract(position, target)) == pytest.approx(575.0, rel=0.02)
+    assert len(camera_for(corners[:0])[0]) == 3  # a scene without bodies has a view, too
