@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -129,15 +130,30 @@ def test_code_of_the_text_is_that_of_the_scene_or_runs(fence: Fence, tmp_path: P
         run(str(scene))
 
 
-@pytest.mark.slow
-def test_the_pictures_show_the_scenes_of_today() -> None:
-    spec = importlib.util.spec_from_file_location("tutorial_pictures", TUTORIALS / "pictures.py")
+def script(name: str) -> ModuleType:
+    """A program beside the pages, as a module."""
+    spec = importlib.util.spec_from_file_location(f"tutorial_{name}", TUTORIALS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    pictures = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = pictures
-    spec.loader.exec_module(pictures)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def headings(page: str) -> list[str]:
+    return [line for line in page.splitlines() if line.startswith("#")]
+
+
+def test_the_reference_has_every_part_and_section() -> None:
+    written = (TUTORIALS / "reference.md").read_text(encoding="utf-8")
+    assert headings(written) == headings(script("reference").page())
+
+
+@pytest.mark.slow
+def test_the_pictures_show_the_scenes_of_today() -> None:
     pytest.importorskip("daqp")
+    pictures = script("pictures")
     shown = {shot.scene for shot in pictures.SHOTS}
     assert shown == {file.stem for file in (TUTORIALS / "pictures").glob("*.png")}
     assert not [sentence for sentence in map(pictures.difference, pictures.SHOTS) if sentence]

@@ -1,0 +1,105 @@
+"""Write docs/tutorials/reference.md from the docstrings of the parts and of the sections of a scene.
+
+From the checkout: `.softsim/venv/bin/python docs/tutorials/reference.py`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).resolve().parent
+sys.path.insert(0, str(FOLDER.parents[1]))
+
+from softsim_core.actuation.limits import JointLimits  # noqa: E402
+from softsim_core.scene import description, gripper_parts, objects, parts, values  # noqa: E402
+
+PARTS: tuple[Callable[..., Any], ...] = (
+    parts.servo,
+    parts.actuated_arm,
+    parts.elastic_body,
+    parts.fixing_box,
+    parts.tripod_silicone,
+    parts.tripod,
+    parts.move_all,
+    gripper_parts.cable_finger,
+    gripper_parts.cable_gripper,
+    gripper_parts.rigid_thing,
+)
+SECTIONS: tuple[tuple[str, type], ...] = (
+    ("bodies", description.BodyDescription),
+    ("material", description.MaterialDescription),
+    ("joints", description.JointDescription),
+    ("limits", JointLimits),
+    ("cable", objects.CableDescription),
+    ("attachments", description.AttachmentDescription),
+    ("rigid_bodies", objects.RigidBodyDescription),
+    ("shape", objects.Shape),
+    ("collisions", objects.CollisionDescription),
+    ("contact", objects.ContactSettings),
+    ("placement, base, frame, pose", values.Placement),
+    ("solver", description.SolverSettings),
+    ("commands", description.CommandSettings),
+    ("start", description.StartAnimation),
+    ("keys", description.KeyBinding),
+    ("inverse", description.InverseSettings),
+    ("board", description.BoardDescription),
+    ("servos", description.ServoCalibration),
+)
+HEAD = """# Parts and sections
+
+Made from the program's own descriptions by [reference.py](reference.py).
+
+**Parts** are functions for Python scenes: `scene.add(PART(...))`, as often as wanted. **Sections** are the keys of
+a scene in YAML and, under the names in brackets, classes for Python scenes. SI units; angles of placements in
+degrees. Scenes that show a part alone are in [configs/scenes/parts](../../configs/scenes/parts/servo.py), such as
+`./softsim up parts/servo`.
+"""
+
+
+def entry(title: str, thing: Callable[..., Any]) -> str:
+    """A heading, a summary and one row a parameter, with its default."""
+    text = inspect.cleandoc(thing.__doc__ or "")
+    summary = re.split(r"\n\n(?=Args|Attributes|Raises|Source|Returns)", text)[0]
+    summary = " ".join(summary.split())
+    rows = []
+    defaults = inspect.signature(thing).parameters
+    for names, words in _described(text):
+        shown = ", ".join(f"`{name}`" for name in names)
+        default = defaults[names[0]].default if names[0] in defaults else inspect.Parameter.empty
+        value = "" if default is inspect.Parameter.empty or "object at" in repr(default) else _short(default)
+        rows.append(f"| {shown} | {value} | {words} |")
+    table = "\n".join(["| name | default | |", "|---|---|---|", *rows]) if rows else ""
+    return "\n\n".join(filter(None, (f"### {title}", summary, table)))
+
+
+def _short(default: object) -> str:
+    text = repr(default)
+    return f"`{text}`" if len(text) <= 40 and "<" not in text else ""
+
+
+def _described(text: str) -> list[tuple[list[str], str]]:
+    """Names and words of each item under Args or Attributes."""
+    match = re.search(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", text, re.MULTILINE)
+    if match is None:
+        return []
+    items = re.split(r"\n    (?=\S)", "\n" + match[1].rstrip())[1:]
+    pairs = [item.split(":", 1) for item in items if ":" in item]
+    return [(names.split(", "), " ".join(words.split()).replace("|", "\\|")) for names, words in pairs]
+
+
+def page() -> str:
+    """The whole page."""
+    blocks = [HEAD, "## Parts"]
+    blocks += [entry(f"`{part.__name__}`", part) for part in PARTS]
+    blocks.append("## Sections")
+    blocks += [entry(f"`{key}` ({section.__name__})", section) for key, section in SECTIONS]
+    return "\n\n".join(block.strip() for block in blocks) + "\n"
+
+
+if __name__ == "__main__":
+    (FOLDER / "reference.md").write_text(page(), encoding="utf-8")
