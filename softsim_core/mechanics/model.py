@@ -27,7 +27,7 @@ FREE, HELD = -1, -2
 class Joint:
     """A joint compiled: base frame, axis and law; see JointDescription for units.
 
-    `parent` is the index of the prismatic joint that carries the base, or -1. A cable's joint moves no frame:
+    `parent` is the index of the joint that carries the base, or -1. A cable's joint moves no frame:
     its position is the travel of the cable.
     """
 
@@ -157,21 +157,23 @@ class Model:
     def joint_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
         position, shift = float(state.joint_positions[j]), float(state.base_shift[0])
-        origin, rotation = self.joints[j].frame(position, shift)
-        return origin + self.carried(j, state), rotation
+        return self._carried(j, state, *self.joints[j].frame(position, shift))
 
     def base_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the base of joint j."""
         joint = self.joints[j]
-        return joint.base_origin(float(state.base_shift[0])) + self.carried(j, state), joint.base_rotation
+        return self._carried(j, state, joint.base_origin(float(state.base_shift[0])), joint.base_rotation)
 
-    def carried(self, j: int, state: State) -> Array:
-        """How far the joints that carry joint j have moved its base, in [m], shape (3,)."""
-        shift = np.zeros(3)
-        for a in self.chain(j)[:-1]:
-            joint = self.joints[a]
-            shift += (state.joint_positions[a] - joint.rest) * (joint.base_rotation @ joint.axis)
-        return shift
+    def _carried(self, j: int, state: State, origin: Array, rotation: Array) -> tuple[Array, Array]:
+        """Where a frame is now that is at `origin` (3,), `rotation` (3, 3) while joint j's parent rests."""
+        parent = self.joints[j].parent
+        if parent < 0:
+            return origin, rotation
+        joint = self.joints[parent]
+        rest_origin, rest_rotation = joint.frame(joint.rest, float(state.base_shift[0]))
+        now_origin, now_rotation = self.joint_frame(parent, state)
+        turn = now_rotation @ rest_rotation.T
+        return now_origin + turn @ (origin - rest_origin), turn @ rotation
 
     def zone_frame(self, zone: Zone, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the frame a zone follows."""
@@ -207,9 +209,8 @@ class Model:
             k = 6 * frames + j
             if joint.cable:
                 continue
-            axis = joint.base_rotation @ joint.axis
-            (angular if joint.revolute else linear)[k] = axis
-            origin[k] = self.base_frame(j, state)[0]
+            origin[k], rotation = self.base_frame(j, state)
+            (angular if joint.revolute else linear)[k] = rotation @ joint.axis
         return Screws(angular, linear, origin)
 
     def advance_border(self, state: State, velocities: Array) -> None:

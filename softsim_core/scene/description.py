@@ -91,7 +91,8 @@ class JointDescription:
         name: Unique name; the order of joints in the scene is the order of commands.
         kind: revolute ([rad] about `axis`), prismatic ([m] along `axis`) or cable ([m] of travel).
         cable: What a joint of kind cable pulls; it has no frame and no axis.
-        parent: Name of a prismatic joint before it in the list that carries this joint's base.
+        parent: Name of a joint before it in the list that carries this joint's base. On a revolute one a
+            joint can carry rigid bodies only.
         base: Base frame in the world, the parent at rest (its scale is not used).
         axis: Unit axis in the base frame, through its origin.
         limits: Position interval and top speed.
@@ -438,7 +439,6 @@ class SceneDescription:
 
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
-        slides = [joint.name for joint in self.joints if joint.kind == "prismatic"]
         frames = [joint.name for joint in self.joints if joint.kind != "cable"]
         free = [attachment.name for attachment in self.attachments if attachment.to == "free"]
 
@@ -446,19 +446,30 @@ class SceneDescription:
             if name is not None and name not in names:
                 raise SceneError(f"scene {self.name}: unknown {what} {name!r}; known: {listing(names)}")
 
+        hinges = {joint.name for joint in self.joints if joint.kind == "revolute"}
+        hinged: set[str] = set()
+        for j, each in enumerate(self.joints):
+            what = f"parent of joint {each.name} (a joint before it that is no cable)"
+            known(what, each.parent, [name for name in frames if name in joints[:j]])
+            if each.parent in hinges | hinged:
+                hinged.add(each.name)
+
+        def known_soft(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
+            known(what, name, names)
+            if name in hinged:
+                raise SceneError(
+                    f"scene {self.name}: {what} {name} is carried by a revolute joint, so it can carry "
+                    "rigid bodies only; choose another joint"
+                )
+
         for attachment in self.attachments:
             known("body", attachment.body, bodies)
-            known("attachment target", attachment.to, ("world", "free", *frames))
+            known_soft("attachment target", attachment.to, ("world", "free", *frames))
             known("joint", attachment.relative_to, frames)
-        for j, each in enumerate(self.joints):
-            known(
-                f"parent of joint {each.name} (a prismatic joint before it)",
-                each.parent,
-                [name for name in slides if name in joints[:j]],
-            )
+        for each in self.joints:
             if each.cable is not None:
                 known(f"body of cable {each.name}", each.cable.body, bodies)
-                known(f"pull_on of cable {each.name}", each.cable.pull_on, frames)
+                known_soft(f"pull_on of cable {each.name}", each.cable.pull_on, frames)
         for rigid in self.rigid_bodies:
             carriers = ("world", *free, *frames, *(f"{name}_base" for name in frames))
             known(f"carrier of rigid body {rigid.name}", rigid.on, carriers)
