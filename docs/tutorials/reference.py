@@ -54,10 +54,10 @@ HEAD = """# Parts and sections
 
 Made from the program's own descriptions by [reference.py](reference.py).
 
-**Parts** are functions for Python scenes: `scene.add(PART(...))`, as often as wanted. **Sections** are the keys
-of a scene in YAML and, under the names in brackets, classes for Python scenes. SI units; angles of placements in
-degrees. Scenes that show a part alone: [configs/scenes/parts](../../configs/scenes/parts/servo.py), for example
-`./softsim up parts/servo`.
+**Parts** are functions for Python scenes: `scene.add(PART(...))`, as often as wanted. **Sections**
+are the keys of a scene in YAML and, under the names in brackets, classes for Python scenes. SI
+units; angles of placements in degrees. Scenes that show a part alone:
+[configs/scenes/parts](../../configs/scenes/parts/servo.py), for example `./softsim up parts/servo`.
 """
 
 
