@@ -19,7 +19,7 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
@@ -113,6 +113,7 @@ class Simulator(ClosableNode):
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        self.create_subscription(String, "keys", self._on_key, 10)
         self._pulls = Pulls(self, self._physics, self._warn_refused)
         for name, action in (
             ("reset", self._reset),
@@ -180,6 +181,13 @@ class Simulator(ClosableNode):
             self.physics.command(trajectory_command(message, self.joint_names))
         except CommandError as error:
             self._warn_refused(str(error))
+
+    def _on_key(self, message: String) -> None:
+        """A key for the functions that the scene itself hung on keys."""
+        try:
+            self.physics.call(lambda simulation: simulation.press_key(message.data), shows=False)
+        except Exception as error:  # a scene's own code may raise anything; the node must live on
+            self._warn_refused(f"key {message.data!r}: {error}")
 
     def _warn_refused(self, sentence: str) -> None:
         if self.context.ok():

@@ -108,6 +108,8 @@ def press(
     if binding is None:
         if key.name == HELP_KEY:
             return replace(state, show_help=state.show_help if held else not state.show_help), ()
+        if any(controller.on_key for controller in robot.controllers):
+            return replace(state, message=f"{key} goes to the scene's own code"), ()
         return replace(state, message=f"{key} is not bound; {HELP_KEY} shows the keys"), ()
     if binding.action is not None:
         return _action(state, key, binding.action, held)

@@ -18,7 +18,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.qos import QoSProfile
 from rclpy.utilities import ok, try_shutdown
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.errors import SoftSimError
@@ -67,11 +67,11 @@ class Teleop(ClosableNode):
 
     Topics (relative to the robot's namespace): `position_controller/commands` out, and in again to see the
     commands of others; `joint_states` in, or, on a robot without simulator, `applied_joint_states` of the
-    bridge, and then the newest command is repeated so that the bridge does not rest; warnings of the
-    robot's nodes from `/rosout` in. Services called: `simulator/start`, `simulator/reset`,
-    `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of `servo_bridge`. While
-    inverse control is on, `effector_goal` out instead of commands; `effector_pose` in. While
-    the closed loop is on as well, `tilt_reference` out instead of goals.
+    bridge, and then the newest command is repeated so that the bridge does not rest; warnings of the robot's
+    nodes from `/rosout` in; `keys` out, for the scene's own functions. Services called: `simulator/start`,
+    `simulator/reset`, `simulator/pause`, `inverse_controller/enable`, and the lifecycle services of
+    `servo_bridge`. While inverse control is on, `effector_goal` out instead of commands; `effector_pose` in.
+    While the closed loop is on as well, `tilt_reference` out instead of goals.
 
     Args:
         robot: Joints, limits, poses and keys.
@@ -104,6 +104,7 @@ class Teleop(ClosableNode):
         self.create_subscription(
             Float64MultiArray, "position_controller/commands", self._on_command, _NEWEST_ONLY
         )
+        self._keys = self.create_publisher(String, "keys", 10)
         self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
         self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
         self.create_subscription(
@@ -135,6 +136,7 @@ class Teleop(ClosableNode):
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
         self._follow(now)
+        self._keys.publish(String(data=key.name))
         interval = float(self.get_parameter("repeat_interval").value)
         step = float(self.get_parameter("goal_step").value)
         self.state, effects = press(self.state, self.robot, key, now, interval, step)
