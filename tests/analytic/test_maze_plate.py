@@ -33,6 +33,7 @@ def run() -> tuple[Simulation, np.ndarray]:
     return simulation, np.array(track)
 
 
+@pytest.mark.slow
 def test_the_plan_leads_the_ball_to_the_goal() -> None:
     simulation, track = run()
     np.testing.assert_allclose(track[-1, :2], GOAL, atol=CORRIDOR)

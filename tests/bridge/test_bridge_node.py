@@ -93,6 +93,7 @@ def test_joint_states_are_mirrored_by_name(
     assert board.wait_for(at(93, 121, 134))
 
 
+@pytest.mark.slow
 def test_the_speed_limit_holds_on_the_wire(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:
@@ -117,6 +118,7 @@ def test_the_speed_limit_holds_on_the_wire(
             assert abs(one - other) <= rate * 0.04 + 1.0
 
 
+@pytest.mark.slow
 def test_wrong_commands_are_refused_whole_and_reported(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:

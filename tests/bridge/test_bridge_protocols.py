@@ -68,6 +68,7 @@ def test_an_extended_board_is_found_driven_and_reported(
     assert board.extended.motion.relaxed  # after the rest pose
 
 
+@pytest.mark.slow
 def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
@@ -164,6 +165,7 @@ def test_the_calibration_of_the_person_is_used_unasked(
     assert bridge.says(f"calibration {file}")
 
 
+@pytest.mark.slow
 def test_calibrate_servos_walks_in_a_terminal_and_writes_the_file(
     board: VirtualBoard, tmp_path: Path
 ) -> None:

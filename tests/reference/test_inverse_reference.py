@@ -32,6 +32,7 @@ def errors(case: dict[str, object], pose: Pose, goal: Pose) -> tuple[float, floa
     return float(length), float(np.linalg.norm(turn[:2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(4))
 def test_residual_is_no_larger_than_the_reference_s(reference_dir: Path, index: int) -> None:
     case = json.loads((reference_dir / "simulator" / "inverse_tripod_low.json").read_text())[index]

@@ -105,6 +105,7 @@ def keep_measuring(plate: Plate, spin_until: Any, until: Callable[[], Any]) -> b
     return bool(spin_until(measure_and_look))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measure", ["imu", "effector_pose"])
 def test_it_closes_around_a_plate(
     start_loop: Any, client: Any, spin_until: Any, tmp_path: Path, measure: str
@@ -158,6 +159,7 @@ def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: A
     assert plate.goals[-1].pose.position.z == pytest.approx(0.06)
 
 
+@pytest.mark.slow
 def test_keys_of_the_teleop_turn_the_reference(
     start_loop: Any, ros_domain: int, client: Any, spin_until: Any
 ) -> None:

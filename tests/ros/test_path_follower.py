@@ -116,6 +116,7 @@ def test_pause_and_enable(start_follower: Any, spin_until: Any) -> None:
     assert spin_until(lambda: bench.state == "off")
 
 
+@pytest.mark.slow
 def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
     start_follower: Any, client: Any, spin_until: Any
 ) -> None:
@@ -213,6 +214,7 @@ def test_a_path_comes_as_a_message(start_follower: Any, client: Any, spin_until:
     assert spin_until(lambda: bench.goals and bench.goals[-1].pose.position.y == pytest.approx(0.002))
 
 
+@pytest.mark.slow
 def test_a_maze_plan_can_begin_where_the_effector_is(
     start_follower: Any, client: Any, spin_until: Any
 ) -> None:

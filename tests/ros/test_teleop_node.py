@@ -203,6 +203,7 @@ def test_what_is_not_running_is_said() -> None:
         quits_cleanly(session)
 
 
+@pytest.mark.slow
 def test_data_that_stops_is_seen(teleop: TerminalSession, robot: Robot) -> None:
     robot.joints = []  # messages that say nothing, as good as none
     teleop.wait_for("joint_states of another robot")
@@ -243,6 +244,7 @@ def test_another_robot_by_its_file(tmp_path: Path) -> None:
             quits_cleanly(session)
 
 
+@pytest.mark.slow
 def test_the_servo_bridge_is_started_and_stopped(
     tmp_path: Path, robot: Robot, teleop: TerminalSession
 ) -> None:
