@@ -43,6 +43,9 @@ class Driven:
     def until(self, condition: Callable[[], Any]) -> bool:
         return self._spin_until(condition, WAIT_S)
 
+    def soon(self, condition: Callable[[], Any]) -> bool:
+        return self._spin_until(condition, 4.0)
+
     def shows(self, text: str) -> bool:
         """Whether the page comes to show a text."""
         self.page.page.get_by_text(text).first.wait_for(state="visible")
@@ -74,6 +77,16 @@ class Driven:
     def bridge_state(self) -> str:
         answer = self.robot.client.call(GetState, "servo_bridge/get_state")
         return str(answer.current_state.label)
+
+    def to_start(self) -> None:
+        """Running, at the start pose; a command still on its way from the page ends the move, so again."""
+        for _ in range(3):
+            self.to_mid()
+            assert self.robot.trigger("start")[0]
+            if self.joints_at(START, START, START):
+                return
+        state = self.states[-1]
+        pytest.fail(f"at {state.position}, {state.velocity}\n{self.robot.process.output}")
 
     def to_mid(self) -> None:
         """Running, inverse control off, joints at the mid pose."""
@@ -221,19 +234,21 @@ def test_sliders_command_joints_and_tune_the_material(driven: Driven) -> None:
 
 def test_a_dragged_goal_arrives_on_its_topic_and_the_robot_follows(driven: Driven) -> None:
     page = driven.page
-    assert driven.robot.trigger("start")[0]  # the servos slide in: there the robot does not snap through
-    assert driven.joints_at(START, START, START)
+    driven.to_start()  # the servos slide in: there the robot does not snap through
     driven.to_mid()
     page.page.wait_for_timeout(HELD_MS)
     page.press("Control+i")
     assert driven.shows("inverse on")
     page.wait_for_node("/goal/ball")
-    center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
-    x, y, z = center
     before = len(driven.goals)
-    page.drag(page.screen((x, y, z + 18.0)), page.screen((x, y, z + 14.0)))
-    page.release()
-    assert driven.until(lambda: len(driven.goals) > before)
+    for _ in range(5):  # a page that is late with a picture lets the mouse pass beside the handle
+        center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
+        x, y, z = center
+        page.drag(page.screen((x, y, z + 18.0)), page.screen((x, y, z + 14.0)))
+        page.release()
+        if driven.soon(lambda: len(driven.goals) > before):
+            break
+    assert len(driven.goals) > before
     goal = driven.goals[-1].pose.position
     assert 1e3 * goal.z == pytest.approx(z - 4.0, abs=2.0)
     poses = driven.robot.client.collect(PoseStamped, "effector_pose", 5)
