@@ -101,17 +101,18 @@ class Controls:
 
     def _add_view(self) -> None:
         gui, viewer = self._gui, self._viewer
-        stage = viewer.stage
+        picture = viewer.picture
+        stage = picture.stage
         self._stress = gui.add_checkbox("Stress colours", stage.surface.by_stress)
-        self._inbox.on_change(self._stress, viewer.colour_by_stress)
+        self._inbox.on_change(self._stress, picture.colour_by_stress)
         self._top = gui.add_number("Top of the scale [kPa], 0: automatic", 0.0, min=0.0, step=1.0)
-        self._inbox.on_change(self._top, viewer.set_top_stress)
+        self._inbox.on_change(self._top, picture.set_top_stress)
         self._legend = Shown(gui.add_html(""))
-        self._inbox.on_change(gui.add_checkbox("Bodies", True), viewer.show_bodies)
-        self._inbox.on_change(gui.add_checkbox("Wire frame", False), viewer.show_wireframe)
+        self._inbox.on_change(gui.add_checkbox("Bodies", True), picture.show_bodies)
+        self._inbox.on_change(gui.add_checkbox("Wire frame", False), picture.show_wireframe)
         for name, words in SWITCHES.items():
             box = gui.add_checkbox(words, name in SHOWN_AT_START)
-            self._inbox.on_change(box, partial(viewer.show_inner, name))
+            self._inbox.on_change(box, partial(picture.show_inner, name))
         for words, switch in (
             ("Cables", stage.cables.switch),
             ("Contacts and forces", stage.contacts.switch),
@@ -123,7 +124,7 @@ class Controls:
             self._inbox.on_change(pull, stage.set_pull_mode)
             stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, viewer.pull_stiffness)
             self._inbox.on_change(stiffness, viewer.set_pull_stiffness)
-        self._inbox.on_click(gui.add_button("Reset view"), viewer.reset_view)
+        self._inbox.on_click(gui.add_button("Reset view"), picture.reset_view)
         gui.add_button("Save picture").on_click(save_picture)
 
     def _add_tuning(self) -> None:
@@ -201,16 +202,16 @@ class Controls:
         if state.real_time_factor is not None:
             words += f", {state.real_time_factor:.2f} × real time"
         bad = state.simulator not in ("running", "paused")
-        fault = viewer.fault
+        fault = viewer.diagnostics.fault
         self._status.show(readings.sentence(f"{viewer.get_namespace()}: {fault or words}", bad=bad))
         self._message.show(readings.sentence(state.message or "ready"))
         self._lamps.show(readings.lamps(self._lamp_states()))
         targets = state.commanded if state.commanded is not None else state.measured
         enforced = enforces_limits(state, robot)
         self._bars.show(readings.joint_bars(robot.joints, state.measured, targets, viewer.efforts, enforced))
-        surface = viewer.stage.surface
+        surface = viewer.picture.stage.surface
         self._legend.show(readings.legend(surface.shown_top) if surface.by_stress else "")
-        self._stages.show(readings.stage_table(viewer.stages))
+        self._stages.show(readings.stage_table(viewer.diagnostics.stages))
         if targets is not None:
             for joint, target in zip(robot.joints, targets, strict=True):
                 value, slider = slider_value(joint, target), self._sliders[joint.name]
@@ -220,11 +221,11 @@ class Controls:
     def _lamp_states(self) -> list[tuple[str, str]]:
         viewer, state = self._viewer, self._viewer.state
         simulator = {"running": GREEN, "paused": AMBER}.get(state.simulator, RED if state.simulator else GREY)
-        bridge = f"bridge {state.bridge}"
+        bridge, stopped = f"bridge {state.bridge}", viewer.diagnostics.e_stopped
         return [
             ("simulator", simulator),
             (bridge, BRIDGE_LAMPS.get(state.bridge, GREY)),
-            ("e-stop" if viewer.e_stopped else "no e-stop", RED if viewer.e_stopped else GREY),
+            ("e-stop" if stopped else "no e-stop", RED if stopped else GREY),
             ("inverse on" if state.inverse else "inverse off", GREEN if state.inverse else GREY),
         ]
 
@@ -246,7 +247,8 @@ class Controls:
         if len(viewer.efforts) == len(self._robot.joints):
             self._plots["efforts"].add(time_s, viewer.efforts)
         self._plots["error"].add(time_s, (viewer.goal_error_mm,))
-        means = [float(viewer.stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
+        stages = viewer.diagnostics.stages
+        means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
         self._plots["stages"].add(time_s, means)
 
 

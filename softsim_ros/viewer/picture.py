@@ -1,0 +1,219 @@
+"""The picture of the page: from the topics made for drawing to the stage, and what of it is shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from geometry_msgs.msg import PoseArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import String, UInt32MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from softsim_core.arrays import Array
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.messages import read_point_cloud
+from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.viewer.panel import Inbox
+from softsim_ros.viewer.stage import Stage, reset_cameras
+from softsim_ros.viewer.surface import MM, Part
+
+_NEWEST_ONLY: Final = QoSProfile(depth=1)
+_LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Picture:
+    """Subscribes to what is drawn and keeps a stage up to date.
+
+    Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `mesh/nodes` (only while
+    something is shown that needs it), `frames`, `cables`, `contacts`, `bodies/topology`, `bodies/poses`.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        server: viser's server.
+        inbox: Where the mouse's events go.
+        on_scene: Called with the structure of a scene that begins; it calls `build`.
+        on_goal: Called with a dragged goal, in [m].
+        lite: Cheap light and no shadows, for machines without a graphics card.
+
+    Attributes:
+        stage: The 3-D side of the page; another one after each `build`.
+    """
+
+    stage: Stage
+
+    def __init__(
+        self,
+        node: Node,
+        server: Any,
+        inbox: Inbox,
+        on_scene: Callable[[dict[str, Any]], None],
+        on_goal: Callable[[EffectorPose], None],
+        *,
+        lite: bool,
+    ) -> None:
+        self._node, self._server, self._inbox = node, server, inbox
+        self._on_scene, self._on_goal, self._lite = on_scene, on_goal, lite
+        self._structure: dict[str, Any] = {}
+        self._seen = ""
+        self._rigid: MarkerArray | None = None
+        self._topology: Mesh | None = None
+        self._tetrahedra = np.zeros((0, 4), np.int64)
+        self._points: PointCloud2 | None = None
+        self._nodes: PointCloud2 | None = None
+        self._frames: PoseArray | None = None
+        self._nodes_subscription: Any = None
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        subscribe = self._node.create_subscription
+        subscribe(String, "scene/structure", self._on_structure, _LATCHED)
+        subscribe(Mesh, "mesh/topology", self._on_topology, _LATCHED)
+        subscribe(UInt32MultiArray, "mesh/tetrahedra", self._on_tetrahedra, _LATCHED)
+        subscribe(PointCloud2, "mesh/points", self._on_points, _NEWEST_ONLY)
+        subscribe(PoseArray, "frames", self._on_frames, _NEWEST_ONLY)
+        subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), _NEWEST_ONLY)
+        subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), _NEWEST_ONLY)
+        subscribe(MarkerArray, "bodies/topology", self._on_rigid, _LATCHED)
+        subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), _NEWEST_ONLY)
+
+    # --- a scene --------------------------------------------------------------------------------------
+
+    def build(self, robot: SceneDescription) -> None:
+        """Make the stage of a scene on the server's empty 3-D scene."""
+        frames = list(self._structure.get("frames", ()))
+        self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
+
+    def show_known(self) -> None:
+        """Draw what has come already: it may have come before the structure did."""
+        self._show_surface()
+        if self._rigid is not None:
+            self.stage.show_rigid(self._rigid)
+
+    def _on_structure(self, message: String) -> None:
+        self._structure = json.loads(message.data)
+        self._on_scene(self._structure)
+
+    def _on_topology(self, message: Mesh) -> None:
+        self._topology = message
+        self._show_surface()
+
+    def _on_tetrahedra(self, message: UInt32MultiArray) -> None:
+        self._tetrahedra = np.array(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size)
+        self._show_surface()
+
+    def _on_rigid(self, message: MarkerArray) -> None:
+        self._rigid = message
+        self.stage.show_rigid(message)
+
+    def _show_surface(self) -> None:
+        """Draw the bodies once surface and structure are those of one scene."""
+        structure, message = self._structure, self._topology
+        if message is None or not structure:
+            return
+        points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
+        triangles = np.array([t.vertex_indices for t in message.triangles], np.int64).reshape(-1, 3)
+        bodies = structure["bodies"]
+        if sum(b["points"][1] - b["points"][0] for b in bodies) != len(points):
+            return  # the other half of the new scene has not come yet
+        parts = [
+            Part(
+                body["name"],
+                tuple(body["points"]),
+                triangles[slice(*body["triangles"])],
+                tuple(body["colour"]),
+            )
+            for body in bodies
+        ]
+        with self._server.atomic():
+            self.stage.surface.show(parts, (points * MM).astype(np.float32))
+            self.stage.inner.set_structure(self._tetrahedra, structure["zones"])
+        if self._seen != structure["name"]:  # the same scene loaded anew keeps the view
+            self._seen = structure["name"]
+            self.reset_view()
+
+    # --- what moves -----------------------------------------------------------------------------------
+
+    def _on_points(self, message: PointCloud2) -> None:
+        self._points = message
+
+    def _on_nodes(self, message: PointCloud2) -> None:
+        self._nodes = message
+
+    def _on_frames(self, message: PoseArray) -> None:
+        self._frames = message
+
+    def draw(self, now: float) -> None:
+        """Move what has come since the last frame; `now` is a steady clock in [s]."""
+        message, self._points = self._points, None
+        if message is not None:
+            rows = read_point_cloud(message)
+            self.stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
+            if self.stage.pull is not None:
+                self.stage.draw_rope()
+        frames, self._frames = self._frames, None
+        if frames is not None:
+            self.stage.inner.move_frames(_pose_rows(frames))
+        nodes, self._nodes = self._nodes, None
+        if nodes is not None:
+            self.stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
+
+    # --- what is shown --------------------------------------------------------------------------------
+
+    def colour_by_stress(self, on: bool) -> None:
+        """Colour the bodies by von Mises stress."""
+        self.stage.surface.by_stress = on
+        self.stage.surface.rebuild()
+
+    def set_top_stress(self, kilopascal: float) -> None:
+        """Stress of the last colour; 0 follows the largest."""
+        self.stage.surface.top_stress = 1e3 * kilopascal
+
+    def show_bodies(self, on: bool) -> None:
+        """Show or hide the visible surfaces."""
+        self.stage.surface.visible = on
+        self.stage.surface.rebuild()
+
+    def show_wireframe(self, on: bool) -> None:
+        """Show the visible surfaces as wire frames."""
+        self.stage.surface.wireframe = on
+        self.stage.surface.rebuild()
+
+    def show_inner(self, name: str, on: bool) -> None:
+        """Show or hide something inside; nodes are asked for only while they are needed."""
+        inner = self.stage.inner
+        inner.switch(name, on)
+        if inner.needs_nodes and self._nodes_subscription is None:
+            self._nodes_subscription = self._node.create_subscription(
+                PointCloud2, "mesh/nodes", self._on_nodes, _NEWEST_ONLY
+            )
+        elif not inner.needs_nodes and self._nodes_subscription is not None:
+            self._node.destroy_subscription(self._nodes_subscription)
+            self._nodes_subscription = None
+
+    def reset_view(self) -> None:
+        """Move every camera to where it started."""
+        reset_cameras(self._server, self.stage.surface.points)
+
+
+def _pose_rows(message: PoseArray) -> Array:
+    """Poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
+    return np.array(
+        [
+            (
+                MM * p.position.x,
+                MM * p.position.y,
+                MM * p.position.z,
+                p.orientation.x,
+                p.orientation.y,
+                p.orientation.z,
+                p.orientation.w,
+            )
+            for p in message.poses
+        ]
+    ).reshape(-1, 7)
