@@ -5,7 +5,8 @@
 name, points in its own frame, frame_id empty. `cables` (MarkerArray, 30 Hz) has for every cable, by its
 number as id, ns "line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `contacts`
 (MarkerArray, 30 Hz) has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on
-the first body, FORCE_LENGTH long a newton).
+the first body, FORCE_LENGTH long a newton). `collisions` (MarkerArray, 10 Hz) has the collision surfaces, by
+their number as id, ns = name: a TRIANGLE_LIST in world coordinates, or a SPHERE.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from softsim_ros.simulator.pacing import RateGate
 WORLD = "world"
 POSES_PERIOD_S = 1.0 / 60.0
 MARKERS_PERIOD_S = 1.0 / 30.0
+COLLISIONS_PERIOD_S = 0.1
 FORCE_LENGTH = 0.02
 """Length in [m] at which a contact force of 1 N is drawn."""
 
@@ -38,6 +40,7 @@ _LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
 _CABLE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
 _PULL_COLOUR = ColorRGBA(r=0.1, g=0.3, b=0.9, a=1.0)
 _CONTACT = ColorRGBA(r=0.9, g=0.1, b=0.6, a=1.0)
+_COLLISION = ColorRGBA(r=0.85, g=0.45, b=0.0, a=1.0)
 
 
 class ObjectPublications:
@@ -52,8 +55,10 @@ class ObjectPublications:
         self._topology = node.create_publisher(MarkerArray, "bodies/topology", LATCHED)
         self._cables = node.create_publisher(MarkerArray, "cables", 1)
         self._contacts = node.create_publisher(MarkerArray, "contacts", 1)
+        self._collisions = node.create_publisher(MarkerArray, "collisions", 1)
         self._poses_gate = RateGate(POSES_PERIOD_S)
         self._cables_gate, self._contacts_gate = RateGate(MARKERS_PERIOD_S), RateGate(MARKERS_PERIOD_S)
+        self._collisions_gate = RateGate(COLLISIONS_PERIOD_S)
 
     def show_scene(self, simulation: Simulation) -> None:
         """Send what does not move."""
@@ -68,6 +73,8 @@ class ObjectPublications:
             self._cables.publish(cable_markers(simulation, stamp))
         if _due(self._contacts, self._contacts_gate, now, whole):
             self._contacts.publish(contact_markers(simulation, stamp))
+        if _due(self._collisions, self._collisions_gate, now, whole):
+            self._collisions.publish(collision_markers(simulation, stamp))
 
 
 def bodies_topology(simulation: Simulation) -> MarkerArray:
@@ -107,6 +114,20 @@ def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     ends = np.stack([contacts.points, contacts.points + FORCE_LENGTH * contacts.forces], axis=1)
     forces.points = _points(ends.reshape(-1, 3))
     return MarkerArray(markers=[points, forces])
+
+
+def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
+    """The surfaces that contact looks at, where they are now; empty in a scene where nothing can meet."""
+    markers, points = [], simulation.collision_points
+    for number, surface in enumerate(simulation.collision_surfaces):
+        if surface.radius > 0.0:
+            marker = _marker(stamp, surface.name, number, Marker.SPHERE, 2.0 * surface.radius, _COLLISION)
+            (marker.pose.position,) = _points(points[surface.vertices])
+        else:
+            marker = _marker(stamp, surface.name, number, Marker.TRIANGLE_LIST, 1.0, _COLLISION)
+            marker.points = _points(points[surface.triangles.ravel()])
+        markers.append(marker)
+    return MarkerArray(markers=markers)
 
 
 def _marker(stamp: Time | None, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:

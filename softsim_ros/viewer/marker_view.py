@@ -32,18 +32,24 @@ class MarkerView:
     Args:
         scene: viser's scene.
         name: Where in the tree they go, such as "cables".
+        visible: Whether they show from the start.
+        wireframe: Whether triangles and spheres are drawn as wire frames.
     """
 
-    def __init__(self, scene: Any, name: str) -> None:
+    def __init__(self, scene: Any, name: str, *, visible: bool = True, wireframe: bool = False) -> None:
         self._scene, self._name = scene, name
+        self._visible, self._wireframe = visible, wireframe
         self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
-        self._visible = True
 
     def switch(self, shown: bool) -> None:
         """Show or hide all of them."""
         self._visible = shown
         for _, handle in self._drawn.values():
             handle.visible = shown
+
+    def clear(self) -> None:
+        """Take all of them away."""
+        self.update(MarkerArray())
 
     def update(self, message: MarkerArray) -> None:
         """Draw what a message says; what it does not name, is gone."""
@@ -57,7 +63,6 @@ class MarkerView:
 
     def _draw(self, key: tuple[str, int], marker: Marker) -> bool:
         points = marker_points(marker)
-        lines = marker.type in (Marker.LINE_STRIP, Marker.LINE_LIST)
         if marker.type == Marker.LINE_STRIP:
             points = np.stack([points[:-1], points[1:]], axis=1)
         elif marker.type == Marker.LINE_LIST:
@@ -65,22 +70,48 @@ class MarkerView:
         if not len(points):
             return False
         kind, handle = self._drawn.get(key, (-1, None))
-        if handle is not None and kind == marker.type:
-            handle.points = points
+        if handle is not None and kind == marker.type and _move(handle, marker, points):
             return True
         if handle is not None:
             handle.remove()
-        name, colour = f"/{self._name}/{key[0] or 'marker'}_{key[1]}", marker_colour(marker)
-        size = MM * marker.scale.x
-        if lines:
-            handle = self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
-        else:
-            handle = self._scene.add_point_cloud(
-                name, points, colour, point_size=max(size, 0.5), point_shape="circle", precision="float32"
-            )
+        handle = self._make(f"/{self._name}/{key[0] or 'marker'}_{key[1]}", marker, points)
         handle.visible = self._visible
         self._drawn[key] = (marker.type, handle)
         return True
+
+    def _make(self, name: str, marker: Marker, points: NDArray[np.float32]) -> Any:
+        colour, size = marker_colour(marker), MM * marker.scale.x
+        if marker.type in (Marker.LINE_STRIP, Marker.LINE_LIST):
+            return self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
+        if marker.type == Marker.TRIANGLE_LIST:
+            return self._scene.add_mesh_simple(
+                name, points, corner_faces(points), color=colour, wireframe=self._wireframe
+            )
+        if marker.type == Marker.SPHERE:
+            return self._scene.add_icosphere(
+                name, size / 2.0, colour, subdivisions=2, wireframe=self._wireframe, position=points[0]
+            )
+        return self._scene.add_point_cloud(
+            name, points, colour, point_size=max(size, 0.5), point_shape="circle", precision="float32"
+        )
+
+
+def corner_faces(corners: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Triangles over a list of their corners (3 k, 3), shape (k, 3)."""
+    return np.arange(len(corners) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
+
+
+def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
+    """Move what is drawn; False where it has another number of corners."""
+    if marker.type == Marker.SPHERE:
+        handle.position = points[0]
+    elif marker.type != Marker.TRIANGLE_LIST:
+        handle.points = points
+    elif len(handle.vertices) == len(points):
+        handle.vertices = points
+    else:
+        return False
+    return True
 
 
 class RigidView:
@@ -101,13 +132,12 @@ class RigidView:
         self._bodies = []
         for marker in message.markers:
             vertices = marker_points(marker)
-            faces = np.arange(len(vertices) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
             alpha = marker.color.a
             self._bodies.append(
                 self._scene.add_mesh_simple(
                     f"/rigid/{marker.ns or marker.id}",
                     vertices,
-                    faces,
+                    corner_faces(vertices),
                     color=marker_colour(marker),
                     opacity=alpha if 0.0 < alpha < 1.0 else None,
                     flat_shading=True,

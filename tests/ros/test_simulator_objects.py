@@ -20,6 +20,7 @@ from softsim_ros.simulator.objects import (  # noqa: E402
     FORCE_LENGTH,
     bodies_topology,
     cable_markers,
+    collision_markers,
     contact_markers,
 )
 from softsim_ros.simulator.pulls import limited_force, pulled_nodes  # noqa: E402
@@ -62,6 +63,23 @@ def test_contact_forces_carry_the_cube() -> None:
     np.testing.assert_allclose(ends[:, 0], rows(points.points))
     total = (ends[:, 1] - ends[:, 0]).sum(axis=0) / FORCE_LENGTH
     assert abs(total[2]) == pytest.approx(0.03 * 9.81, rel=1e-3)
+
+
+def test_collision_surfaces_are_triangles_and_spheres_in_the_world() -> None:
+    simulation = Simulation(load_scene("tripod_ball"))
+    body, ball, *_ = collision_markers(simulation, Time()).markers
+    assert (body.ns, body.type, ball.ns, ball.type) == (
+        "silicone",
+        Marker.TRIANGLE_LIST,
+        "ball",
+        Marker.SPHERE,
+    )
+    silicone = simulation.collision_surfaces[0]
+    corners = simulation.collision_points[silicone.triangles].reshape(-1, 3)
+    np.testing.assert_allclose(rows(body.points), corners)
+    assert ball.scale.x == pytest.approx(0.026)
+    np.testing.assert_allclose(rows([ball.pose.position])[0], simulation.rigid_poses[0].position)
+    assert collision_markers(Simulation(load_scene("tripod")), Time()).markers == []
 
 
 def test_a_pull_on_a_point_or_frame_keeps_its_sum() -> None:

@@ -143,11 +143,11 @@ class Canvas:
     def __init__(self) -> None:
         self.drawn: dict[str, Drawn] = {}
 
-    def add_line_segments(self, name: str, points: object, colour: object, **more: object) -> Drawn:
-        self.drawn[name] = Drawn(points=points, **more)
+    def add_line_segments(self, name: str, points: object, extra: object, **more: object) -> Drawn:
+        self.drawn[name] = Drawn(points=points, vertices=points, **more)
         return self.drawn[name]
 
-    add_point_cloud = add_line_segments
+    add_point_cloud = add_mesh_simple = add_icosphere = add_line_segments
 
 
 def marker(kind: int, name: str, points: list[tuple[float, float, float]]) -> Marker:
@@ -166,7 +166,7 @@ def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
     strip, dot = canvas.drawn["/cables/line_0"], canvas.drawn["/cables/pull_0"]
     assert strip.points.shape == (2, 2, 3)
     assert strip.points[1, 1].tolist() == [20.0, 0.0, 0.0]
-    assert dot.points.tolist() == [[0.0, 0.0, 5.0]]
+    assert dot.position.tolist() == [0.0, 0.0, 5.0]
     assert marker_colour(line) == (255, 0, 0)
     line.points[2].x = 0.03
     view.update(MarkerArray(markers=[line]))
@@ -175,6 +175,27 @@ def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
     view.switch(False)
     assert not strip.visible
     assert marker_points(line).dtype == np.float32
+
+
+def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
+    canvas = Canvas()
+    view = MarkerView(canvas, "collisions", visible=False, wireframe=True)
+    wall = marker(Marker.TRIANGLE_LIST, "wall", [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0)])
+    view.update(MarkerArray(markers=[wall]))
+    drawn = canvas.drawn["/collisions/wall_0"]
+    assert drawn.wireframe
+    assert not drawn.visible
+    view.switch(True)
+    wall.points[0].z = 0.002
+    view.update(MarkerArray(markers=[wall]))
+    assert drawn.visible
+    assert drawn.vertices[0].tolist() == [0.0, 0.0, 2.0]
+    wall.points += wall.points
+    view.update(MarkerArray(markers=[wall]))
+    assert drawn.removed
+    assert len(canvas.drawn["/collisions/wall_0"].vertices) == 6
+    view.clear()
+    assert canvas.drawn["/collisions/wall_0"].removed
 
 
 def test_the_camera_starts_where_it_sees_the_bodies() -> None:
