@@ -11,6 +11,9 @@ from softsim_core.errors import CommandError, SceneError, listing
 SHORTEST_STEP_S = 1e-9
 """Steps of a motion shorter than this in [s] are none: nothing is divided by them."""
 
+ARRIVED = 1e-9
+"""A motion whose way to stop is at most this in [rad] or [m] may end on its target."""
+
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
@@ -51,8 +54,9 @@ class JointLimits:
     def step(self, current: float, velocity: float, target: float, dt: float) -> tuple[float, float]:
         """One step of a motion that keeps every limit and comes to a stop on the clamped `target`.
 
-        At a constant dt the target is never overshot and is reached exactly; a target that jumps while the
-        joint moves, or a shorter dt while it brakes, may be passed before it is reached.
+        After each step there is room left to stop, at the limit of acceleration and whatever the lengths of
+        the steps to come: a target that stays is not passed by more than `ARRIVED`. One that jumps nearer
+        than the way to stop is passed, at full braking, and reached from the other side.
 
         Args:
             current: Position in [rad] or [m].
@@ -65,13 +69,16 @@ class JointLimits:
         """
         if not dt > SHORTEST_STEP_S:
             return current, velocity
-        way = self.clamp(target) - current
-        change = self.acceleration * dt
-        wanted = math.copysign(min(_stopping_speed(abs(way), change, dt), self.speed), way)
-        speed = min(max(wanted, velocity - change), velocity + change)
-        if speed == wanted and abs(way) <= min(self.speed, change) * dt:
-            return self.clamp(target), speed
-        return self._advance(current, speed, dt)
+        goal = self.clamp(target)
+        way, change = goal - current, self.acceleration * dt
+        straight = way / dt
+        if (
+            abs(straight) <= min(self.speed, math.sqrt(2.0 * self.acceleration * ARRIVED))
+            and abs(straight - velocity) <= change
+        ):
+            return goal, straight
+        wanted = math.copysign(min(_stopping_speed(abs(way), self.acceleration, dt), self.speed), way)
+        return self._advance(current, min(max(wanted, velocity - change), velocity + change), dt)
 
     def brake(self, current: float, velocity: float, dt: float) -> tuple[float, float]:
         """One step of coming to a stop at the acceleration limit; arguments and result as of `step`."""
@@ -86,17 +93,13 @@ class JointLimits:
         return after, (speed if after == free else 0.0)
 
 
-def _stopping_speed(way: float, change: float, dt: float) -> float:
-    """Largest speed from which steps of `dt`, each slower by `change` at most, stop within `way` >= 0.
+def _stopping_speed(way: float, acceleration: float, dt: float) -> float:
+    """Largest speed v of a step of `dt` after which v^2 / (2 a), the way to stop, is left of `way` >= 0.
 
-    With n steps, v + (v - change) + ... = way / dt, so v = way / (n dt) + change (n - 1) / 2, where n is the
-    smallest whole number with n (n + 1) / 2 >= way / (change dt).
+    Steps that brake fully cover at most v^2 / (2 a), in the limit of short ones. So v dt + v^2 / (2 a) = way,
+    whose root is written without a difference of near numbers.
     """
-    ratio = way / (change * dt)  # 0 where the acceleration has no limit
-    if not ratio > 1.0:
-        return way / dt
-    steps = math.ceil((math.sqrt(1.0 + 8.0 * ratio) - 1.0) / 2.0)
-    return way / (steps * dt) + change * (steps - 1) / 2.0
+    return 2.0 * way / (dt + math.sqrt(dt * dt + 2.0 * way / acceleration))
 
 
 def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
 
-from softsim_core.actuation.limits import JointLimits, check_command
+from softsim_core.actuation.limits import ARRIVED, JointLimits, check_command
 from softsim_core.errors import CommandError, SceneError
 
 JOINTS = ("servo_0", "servo_1", "servo_2")
@@ -79,25 +80,29 @@ def test_an_acceleration_limit_is_positive(acceleration: float) -> None:
         JointLimits(acceleration=acceleration)
 
 
+inside = st.floats(-2.0, 2.0)
+uneven_steps = st.lists(st.one_of(st.floats(1e-6, 1e-3), st.floats(1e-3, 0.3)), min_size=1, max_size=40)
+
+
 @seed(0)
-@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.1, 100.0), st.floats(0.1, 1e4))
-def test_a_motion_keeps_speed_and_acceleration_and_stops_on_its_target(
-    start: float, target: float, speed: float, acceleration: float
+@given(inside, inside, st.floats(0.1, 100.0), st.floats(0.1, 1e4), uneven_steps)
+def test_a_motion_of_uneven_steps_keeps_every_limit_and_stops_on_its_target(
+    start: float, target: float, speed: float, acceleration: float, uneven: list[float]
 ) -> None:
-    limits, dt = JointLimits(-2.0, 2.0, speed, acceleration), 0.02
+    limits = JointLimits(-2.0, 2.0, speed, acceleration)
     position, velocity = start, 0.0
     sign = math.copysign(1.0, target - start)
-    for _ in range(100_000):
+    for dt in itertools.chain(uneven, itertools.repeat(0.02, 10_000)):
         after, new_velocity = limits.step(position, velocity, target, dt)
         assert abs(new_velocity) <= speed * (1.0 + 1e-9)
         assert abs(new_velocity - velocity) <= acceleration * dt * (1.0 + 1e-9) + 1e-9
         assert abs(after - position) <= speed * dt * (1.0 + 1e-9) + 1e-12
-        assert sign * (target - after) >= -1e-9  # no overshoot
-        if after == position == target:
+        assert sign * (target - after) >= -2.0 * ARRIVED  # no overshoot
+        if dt == 0.02 and after == position == target:
             break
         position, velocity = after, new_velocity
     assert position == target
-    assert limits.step(position, velocity, target, dt)[0] == target
+    assert limits.step(position, 0.0, target, dt) == (target, 0.0)
 
 
 @seed(0)
@@ -109,9 +114,24 @@ def test_targets_that_jump_and_uneven_steps_break_no_limit(moves: list[tuple[flo
         after, new_velocity = limits.step(position, velocity, target, dt)
         assert limits.lower <= after <= limits.upper
         assert abs(after - position) <= limits.speed * dt + 1e-12
-        if limits.lower < after < limits.upper:  # at a limit of position the stop is at once
-            assert abs(new_velocity - velocity) <= limits.acceleration * dt + 1e-9
+        assert abs(new_velocity - velocity) <= limits.acceleration * dt + 1e-9
         position, velocity = after, new_velocity
+
+
+@pytest.mark.parametrize("way", [0.005, 0.02, 0.3, 2.0])
+def test_a_motion_takes_little_longer_than_the_shortest(way: float) -> None:
+    """The shortest: half the way at full acceleration, half at full braking, or with top speed between."""
+    limits, dt = JointLimits(speed=3.5, acceleration=35.0), 0.02
+    ramp = limits.speed**2 / limits.acceleration
+    if way > ramp:
+        shortest = 2.0 * limits.speed / limits.acceleration + (way - ramp) / limits.speed
+    else:
+        shortest = 2.0 * math.sqrt(way / limits.acceleration)
+    position, velocity, steps = 0.0, 0.0, 0
+    while abs(way - position) > math.radians(0.1):
+        position, velocity = limits.step(position, velocity, way, dt)
+        steps += 1
+    assert steps * dt <= shortest + 2.0 * dt
 
 
 def test_braking_takes_its_time_and_standing_still_none() -> None:
