@@ -52,7 +52,7 @@ class Viewer(Commander):
     """
 
     def __init__(self, robot: SceneDescription, settings: ViewerSettings, **node_options: Any) -> None:
-        super().__init__(robot, "viewer", lambda values: self.controls.show_tuned(values), **node_options)
+        super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
         self._settings = settings = settings.declare(self)
         token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
@@ -91,8 +91,8 @@ class Viewer(Commander):
             self._server.scene.reset()
             self._server.gui.configure_theme(show_logo=False, show_share_button=False)
             self.picture.build(self.robot)
-            self.controls = Controls(self._server, self._inbox, self, self.robot)
-        self.parameters.names = self.controls.parameter_names
+            self.controls = Controls(self._server.gui, self._inbox, self, self.robot)
+        self.parameters.names = self.controls.tune.names
         self.picture.show_known()
 
     def _on_scene(self, structure: dict[str, Any]) -> None:
@@ -134,7 +134,7 @@ class Viewer(Commander):
                 self.controls.refresh(now)
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
-            self.controls.add_to_plots(now - self._started_at)
+            self.controls.plots.add(now - self._started_at)
         self.send_pull(stage.pull, stage.surface.points, now)
 
 

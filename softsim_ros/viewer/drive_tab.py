@@ -1,0 +1,64 @@
+"""The tab Drive: bars and sliders of the joints, a button and a hotkey for every key, the servo board."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.teleop.commands import enforces_limits
+from softsim_ros.viewer import readings
+from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
+from softsim_ros.viewer.panel import Inbox, Shown
+from softsim_ros.viewer.units import joint_range, slider_value
+
+if TYPE_CHECKING:
+    from softsim_ros.viewer.viewer_node import Viewer
+
+SLIDER_HOLD_S: Final = 1.0
+"""A slider that was moved by hand stays there this long, in [s], before it follows the commands of others."""
+
+
+class DriveTab:
+    """What drives the robot.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        viewer: The node that carries them out.
+        robot: The scene.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+        self._viewer, self._robot = viewer, robot
+        self._bars = Shown(gui.add_html(""))
+        self._sliders: dict[str, Any] = {}
+        for joint in robot.joints:
+            slider = gui.add_slider(joint.name, *joint_range(joint), slider_value(joint, joint.rest))
+            inbox.on_change(slider, partial(viewer.drive_joint, joint.name))
+            self._sliders[joint.name] = slider
+        with gui.add_folder("Keys"):
+            for name, binding in page_keys(robot).items():
+                label = key_label(name, binding)
+                inbox.on_click(gui.add_button(label), partial(viewer.press_button, name))
+                for number, (hotkey, modifier) in enumerate(hotkeys(name)):
+                    title = label if number == 0 else f"{label} ({number + 1})"
+                    command: Any = gui.add_command(title, hotkey=hotkey, modifier=modifier)
+                    inbox.on_key(command, partial(viewer.press_hotkey, name))
+        with gui.add_folder("Servo board"):
+            inbox.on_click(gui.add_button("Start / stop sending"), viewer.toggle_sending)
+            stop = gui.add_button("E-STOP", color="red", hint="hold the servos still, latched")
+            inbox.on_click(stop, viewer.e_stop)
+            inbox.on_click(gui.add_button("Release e-stop"), viewer.clear_e_stop)
+
+    def refresh(self, now: float) -> None:
+        """Show the joints at `now`, steady clock in [s]."""
+        viewer, robot, state = self._viewer, self._robot, self._viewer.state
+        targets = state.commanded if state.commanded is not None else state.measured
+        enforced = enforces_limits(state, robot)
+        self._bars.show(readings.joint_bars(robot.joints, state.measured, targets, viewer.efforts, enforced))
+        if targets is not None:
+            for joint, target in zip(robot.joints, targets, strict=True):
+                value, slider = slider_value(joint, target), self._sliders[joint.name]
+                if slider.value != value and now - viewer.slider_at > SLIDER_HOLD_S:
+                    slider.value = value

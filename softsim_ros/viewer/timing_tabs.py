@@ -1,0 +1,63 @@
+"""The tabs Plots and Timing: curves of the last half minute, statistics of the stages of a step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.viewer import readings
+from softsim_ros.viewer.panel import Shown
+from softsim_ros.viewer.plots import Curves
+
+if TYPE_CHECKING:
+    from softsim_ros.viewer.viewer_node import Viewer
+
+
+class PlotsTab:
+    """Curves over time.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        viewer: The node whose state is drawn.
+        robot: The scene.
+    """
+
+    def __init__(self, gui: Any, viewer: Viewer, robot: SceneDescription) -> None:
+        self._viewer, self._robot = viewer, robot
+        joints = robot.joint_names
+        self._plots = {
+            "positions": Curves(gui, "Joint positions [rad or m]", joints),
+            "error": Curves(gui, "Effector to goal [mm]", ("error",)),
+            "efforts": Curves(gui, "Torque [N·m] or tension [N]", joints),
+            "stages": Curves(gui, "Time a step [ms]", ("step", "publishing")),
+        }
+
+    def add(self, time_s: float) -> None:
+        """One more point on every curve."""
+        viewer = self._viewer
+        state = viewer.state
+        if state.measured is not None:
+            self._plots["positions"].add(time_s, state.measured)
+        if len(viewer.efforts) == len(self._robot.joints):
+            self._plots["efforts"].add(time_s, viewer.efforts)
+        self._plots["error"].add(time_s, (viewer.goal_error_mm,))
+        stages = viewer.diagnostics.stages
+        means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
+        self._plots["stages"].add(time_s, means)
+
+
+class TimingTab:
+    """Table of the stages.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        viewer: The node whose diagnostics are shown.
+    """
+
+    def __init__(self, gui: Any, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._stages = Shown(gui.add_html(""))
+
+    def refresh(self) -> None:
+        """Show the newest statistics."""
+        self._stages.show(readings.stage_table(self._viewer.diagnostics.stages))

@@ -1,0 +1,56 @@
+"""The tab Tune: parameters of the simulator that act at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from softsim_core.scene.description import SceneDescription
+from softsim_ros.viewer.panel import Inbox
+from softsim_ros.viewer.tuning import Tunable, tunables
+
+if TYPE_CHECKING:
+    from softsim_ros.viewer.viewer_node import Viewer
+
+
+class TuneTab:
+    """A control for each tunable parameter.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        viewer: The node that sets them.
+        robot: The scene.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+        self._controls: dict[str, tuple[Tunable, Any]] = {}
+        for tunable in tunables(robot):
+            if tunable.is_switch:
+                control = gui.add_checkbox(tunable.label, bool(tunable.start), hint=tunable.help)
+            else:
+                control = gui.add_slider(
+                    tunable.label,
+                    tunable.lower,
+                    tunable.upper,
+                    tunable.step,
+                    tunable.start,
+                    hint=tunable.help,
+                )
+            inbox.on_change(control, partial(viewer.tune, tunable))
+            self._controls[tunable.name] = (tunable, control)
+
+    @property
+    def names(self) -> list[str]:
+        """The simulator's parameters that are shown."""
+        return list(self._controls)
+
+    def show(self, values: Mapping[str, Any]) -> None:
+        """Show values of the simulator's parameters, in SI."""
+        for name, value in values.items():
+            if name in self._controls:
+                tunable, control = self._controls[name]
+                shown = tunable.shown(value)
+                if control.value != shown:
+                    control.value = shown
