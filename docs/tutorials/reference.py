@@ -16,7 +16,7 @@ FOLDER = Path(__file__).resolve().parent
 sys.path.insert(0, str(FOLDER.parents[1]))
 
 from softsim_core.actuation.limits import JointLimits  # noqa: E402
-from softsim_core.scene import description, gripper_parts, objects, parts, values  # noqa: E402
+from softsim_core.scene import description, gripper_parts, objects, parts, values, view  # noqa: E402
 
 PARTS: tuple[Callable[..., Any], ...] = (
     parts.servo,
@@ -49,6 +49,8 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("inverse", description.InverseSettings),
     ("board", description.BoardDescription),
     ("servos", description.ServoCalibration),
+    ("view", view.ViewSettings),
+    ("camera", view.Camera),
 )
 HEAD = """# Parts and sections
 

@@ -32,6 +32,7 @@ from softsim_core.scene.values import (
     need_positive,
     need_unit,
 )
+from softsim_core.scene.view import ViewSettings
 
 if TYPE_CHECKING:
     from softsim_core.dynamics.simulation import Simulation
@@ -403,6 +404,7 @@ class SceneDescription:
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
     inverse: InverseSettings = InverseSettings()
+    view: ViewSettings = ViewSettings()
     controllers: tuple[Controller, ...] = ()
     source: Path | None = None
 
@@ -433,9 +435,15 @@ class SceneDescription:
         """Names of the deformable bodies, then of the rigid ones."""
         return (*(body.name for body in self.bodies), *(body.name for body in self.rigid_bodies))
 
+    @property
+    def shown_parts(self) -> tuple[str, ...]:
+        """Everything that can be hidden by itself, as KIND/NAME, such as "bodies/silicone"."""
+        kinds = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
+        return tuple(f"{kind}/{part.name}" for kind in kinds for part in getattr(self, kind))
+
     def robot_alone(self) -> SceneDescription:
         """The scene without what it touches, without user code and start move: a model to plan with."""
-        return replace(self, rigid_bodies=(), collisions=(), controllers=(), start=None)
+        return replace(self, rigid_bodies=(), collisions=(), controllers=(), start=None, view=ViewSettings())
 
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
@@ -485,6 +493,8 @@ class SceneDescription:
         if self.start is not None:
             known("pose", self.start.pose, tuple(self.poses))
         known("pose", self.inverse.posture, tuple(self.poses))
+        for part in self.view.hidden:
+            known("part to hide", part, self.shown_parts)
         for binding in self.keys.values():
             known("pose", binding.pose, tuple(self.poses))
             for joint in binding.joints:

@@ -23,6 +23,7 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription
 from softsim_core.scene.values import Vector
+from softsim_core.scene.view import ViewSettings
 
 if TYPE_CHECKING:
     from softsim_core.dynamics.simulation import Simulation
@@ -72,6 +73,7 @@ class Scene:
     keys: dict[str, KeyBinding] = field(default_factory=dict)
     board: BoardDescription | None = None
     inverse: InverseSettings = field(default_factory=InverseSettings)
+    view: ViewSettings = field(default_factory=ViewSettings)
     controllers: list[Controller] = field(default_factory=list)
 
     def add(self, item: Item | Iterable[Item]) -> None:
@@ -164,6 +166,7 @@ class Scene:
             keys=dict(self.keys),
             board=self.board,
             inverse=self.inverse,
+            view=self.view,
             controllers=tuple(self.controllers),
         )
 

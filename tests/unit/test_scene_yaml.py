@@ -25,6 +25,7 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.structure import structure_scene, unstructure_scene
 from softsim_core.scene.values import Box, MeshFile, Placement, Sphere
+from softsim_core.scene.view import ViewSettings
 from softsim_core.scene.yaml_source import SourcedMapping, key_path
 
 MINIMAL = """\
@@ -370,6 +371,7 @@ def scenes(draw: st.DrawFn) -> SceneDescription:
         joints=joints,
         attachments=attachments,
         poses={"pose": tuple(draw(numbers) for _ in joints)},
+        view=draw(st.builds(ViewSettings, boxes=st.booleans(), stress_top=st.none() | positive)),
     )
 
 
