@@ -10,6 +10,7 @@ from functools import cache
 from time import perf_counter
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from softsim_core.actuation.cable import CableView
 from softsim_core.actuation.limits import check_command
@@ -62,10 +63,9 @@ class Simulation:
         self._step_time = 0.0
         self._header = hashlib.sha256(repr(self._fingerprint()).encode()).digest()
         self._surface = SurfaceFollower(
-            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies]
+            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
         )
-        count = np.bincount(self.model.elements.nodes.ravel(), minlength=len(self.model.rest))
-        self._elements_of_node = np.maximum(count, 1)
+        self._mean_at_nodes = mean_at_nodes(self.model.elements.nodes, len(self.model.rest))
 
     # --- time ---
 
@@ -382,10 +382,7 @@ class Simulation:
 
     def von_mises(self) -> Array:
         """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
-        stress = self._stepper.von_mises(self._state, self.parameters)
-        nodes = self.model.elements.nodes.ravel()
-        total = np.bincount(nodes, np.repeat(stress, 4), minlength=len(self.model.rest))
-        return np.asarray(total / self._elements_of_node)
+        return np.asarray(self._mean_at_nodes @ self._stepper.von_mises(self._state, self.parameters))
 
     def frames(self) -> dict[str, Pose]:
         """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
@@ -453,6 +450,19 @@ class Simulation:
             return None
         f = self.model.frame_names.index(self.scene.effector)
         return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
+
+
+def mean_at_nodes(elements: IndexArray, count: int) -> csr_array:
+    """Matrix (n, m) from values of m elements to the mean of those around each of `count` nodes; 0 at others.
+
+    Args:
+        elements: Node indices, shape (m, a).
+        count: Number of nodes n.
+    """
+    nodes = elements.ravel()
+    around = np.bincount(nodes, minlength=count)
+    element = np.repeat(np.arange(len(elements)), elements.shape[1])
+    return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(elements)))
 
 
 def make_stepper(model: Model, backend: Backend) -> Stepper:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mesh.embedding import Embedding
@@ -16,13 +17,14 @@ class SurfaceFollower:
 
     Args:
         parts: For each body its surface at rest, its embedding, and the number of the body's first node.
+        count: Number of nodes of all bodies, n.
 
     Attributes:
         triangles: Vertex indices of all surfaces, shape (k, 3).
         rest_points: Vertices at rest in [m], shape (p, 3).
     """
 
-    def __init__(self, parts: Sequence[tuple[SurfaceMesh, Embedding, int]]) -> None:
+    def __init__(self, parts: Sequence[tuple[SurfaceMesh, Embedding, int]], count: int) -> None:
         starts = np.cumsum([0] + [len(surface.points) for surface, _, _ in parts])
         self.triangles: IndexArray = np.concatenate(
             [np.zeros((0, 3), np.int64)]
@@ -31,13 +33,14 @@ class SurfaceFollower:
         self.rest_points: Array = np.concatenate(
             [np.zeros((0, 3))] + [surface.points for surface, _, _ in parts]
         )
-        self._nodes: IndexArray = np.concatenate(
-            [np.zeros((0, 4), np.int64)] + [embedding.nodes + first for _, embedding, first in parts]
-        )
-        self._weights: Array = np.concatenate(
-            [np.zeros((0, 4))] + [embedding.weights for _, embedding, _ in parts]
+        nodes = [np.zeros((0, 4), np.int64)] + [embedding.nodes + first for _, embedding, first in parts]
+        weights = [np.zeros((0, 4))] + [embedding.weights for _, embedding, _ in parts]
+        points = len(self.rest_points)
+        self._weights = csr_array(
+            (np.concatenate(weights).ravel(), np.concatenate(nodes).ravel(), 4 * np.arange(points + 1)),
+            shape=(points, count),
         )
 
     def follow(self, nodal: Array) -> Array:
         """Nodal values (n,) or vectors (n, 3) carried over to the vertices, shape (p,) or (p, 3)."""
-        return np.asarray(np.einsum("pa...,pa->p...", nodal[self._nodes], self._weights))
+        return np.asarray(self._weights @ nodal)

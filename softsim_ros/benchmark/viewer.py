@@ -10,6 +10,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,10 +37,49 @@ CORE_SHARE_LIMIT: Final = 0.10
 """Largest share of a core that the viewer may need with one browser at 30 frames a second."""
 
 STEP_GROWTH_LIMIT: Final = 0.05
-"""Largest growth of the simulator's step time while a browser watches."""
+"""Largest growth of the simulator's processor time a step while a browser watches."""
 
 PAIRS: Final = 4
 SETTLE_S: Final = 3.0
+
+
+QUANTITIES: Final = {
+    "cpu_ms_per_step": "processor time of a step",
+    "step_ms": "wall time of a step",
+    "publishing_ms": "wall time of publishing",
+}
+"""What is compared, by its name in the simulator's diagnostics; wall time holds what other programs take."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """A mean over each second, without and with viewer and browser.
+
+    Attributes:
+        alone, watched: One value a second in [ms], at least one each.
+    """
+
+    alone: Sequence[float]
+    watched: Sequence[float]
+
+    @property
+    def of_median(self) -> float:
+        """Share by which the median second grew."""
+        return median(self.watched) / median(self.alone) - 1.0
+
+    @property
+    def of_quietest(self) -> float:
+        """Share by which the smallest value grew."""
+        return min(self.watched) / min(self.alone) - 1.0
+
+    def line(self) -> str:
+        """What a person reads."""
+        return (
+            f"median {median(self.alone):.3f} and {median(self.watched):.3f} ms "
+            f"({100.0 * self.of_median:+.1f} %), "
+            f"smallest {min(self.alone):.3f} and {min(self.watched):.3f} ms "
+            f"({100.0 * self.of_quietest:+.1f} %)"
+        )
 
 
 @dataclass(frozen=True)
@@ -50,22 +90,36 @@ class ViewerFigures:
         vertices: Vertices of the visible surface.
         core_share: Processor time of the viewer over wall time, [-].
         megabytes_s: What one browser received, in [MB/s].
-        step_ms_alone, step_ms_watched: Mean step time of the quietest second without and with viewer and
-            browser, in [ms]: what other programs of the machine take is in neither.
         memory_mb: Resident memory of the viewer in [MB].
+        steps: Of each quantity of a step by its name in `QUANTITIES`.
     """
 
     vertices: int
     core_share: float
     megabytes_s: float
-    step_ms_alone: float
-    step_ms_watched: float
     memory_mb: float
+    steps: Mapping[str, Growth]
 
     @property
     def growth(self) -> float:
-        """Share by which the step time grew."""
-        return self.step_ms_watched / self.step_ms_alone - 1.0
+        """Share by which the processor time of a step grew."""
+        return self.steps["cpu_ms_per_step"].of_median
+
+    @property
+    def missed(self) -> bool:
+        """Whether a limit is exceeded."""
+        return self.core_share > CORE_SHARE_LIMIT or self.growth > STEP_GROWTH_LIMIT
+
+    def lines(self) -> list[str]:
+        """What a person reads."""
+        return [
+            f"viewer, {self.vertices} vertices at 30 Hz, one browser: "
+            f"{100.0 * self.core_share:.1f} % of a core (limit {100.0 * CORE_SHARE_LIMIT:.0f}), "
+            f"{self.memory_mb:.0f} MB, {self.megabytes_s:.2f} MB/s",
+            f"the simulator, alone and watched; its step may take {100.0 * STEP_GROWTH_LIMIT:.0f} % more "
+            "processor time in the median:",
+            *(f"  {QUANTITIES[name]}: {growth.line()}" for name, growth in self.steps.items()),
+        ]
 
 
 def subdivided(surface: SurfaceMesh) -> SurfaceMesh:
@@ -107,8 +161,8 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
         stack.callback(end_process, simulator)
         listener = stack.enter_context(Listener(domain, "/tripod", everything=False))
         wait_for_steps(simulator, listener, 300)
-        alone: list[float] = []
-        watched: list[float] = []
+        alone: list[dict[str, float]] = []
+        watched: list[dict[str, float]] = []
         costs: list[tuple[float, float, float]] = []
         for _ in range(PAIRS):
             alone += _steps(listener, seconds)
@@ -117,9 +171,11 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
         len(surface.points),
         median(cost[0] for cost in costs),
         median(cost[1] for cost in costs),
-        min(alone),
-        min(watched),
         max(cost[2] for cost in costs),
+        {
+            name: Growth([each[name] for each in alone], [each[name] for each in watched])
+            for name in QUANTITIES
+        },
     )
 
 
@@ -135,16 +191,16 @@ def _start(module: str, log: IO[str], environment: dict[str, str], *settings: st
     )
 
 
-def _steps(listener: Listener, seconds: float) -> list[float]:
-    """Step times in [ms], one a report, over some seconds from now."""
+def _steps(listener: Listener, seconds: float) -> list[dict[str, float]]:
+    """The simulator's diagnostics, one a second, over some seconds from now."""
     first = len(listener.reports) + 1  # the next report still tells of the time before
     threading.Event().wait(seconds)
-    return [report["step_ms"] for report in listener.reports[first:]]
+    return list(listener.reports[first:])
 
 
 def _watch_once(
     listener: Listener,
-    watched: list[float],
+    watched: list[dict[str, float]],
     log: IO[str],
     environment: dict[str, str],
     robot: Path,

@@ -47,6 +47,7 @@ def health(
         "real_time_factor": factor,
         "steps_per_second": status.speed.steps_per_second,
         "steps": status.steps,
+        "cpu_ms_per_step": status.speed.cpu_ms,
         "time_s": status.time_s,
         "time_behind_s": status.late_s,
         "trajectory": "running" if status.trajectory else "none",

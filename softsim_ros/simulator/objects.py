@@ -40,7 +40,11 @@ _LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
 _CABLE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
 _PULL_COLOUR = ColorRGBA(r=0.1, g=0.3, b=0.9, a=1.0)
 _CONTACT = ColorRGBA(r=0.9, g=0.1, b=0.6, a=1.0)
-_COLLISION = ColorRGBA(r=0.85, g=0.45, b=0.0, a=1.0)
+_COLLISIONS = tuple(
+    ColorRGBA(r=r, g=g, b=b, a=1.0)
+    for r, g, b in ((0.85, 0.45, 0.0), (0.0, 0.5, 0.7), (0.7, 0.2, 0.5), (0.2, 0.55, 0.2))
+)
+"""Surfaces that lie side by side, such as a finger and its notch walls, differ."""
 
 
 class ObjectPublications:
@@ -69,9 +73,10 @@ class ObjectPublications:
         if _due(self._poses, self._poses_gate, now, whole) and simulation.rigid_bodies:
             poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
             self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
-        if _due(self._cables, self._cables_gate, now, whole):
+        if _due(self._cables, self._cables_gate, now, whole) and (whole or simulation.cables):
             self._cables.publish(cable_markers(simulation, stamp))
-        if _due(self._contacts, self._contacts_gate, now, whole):
+        touches = whole or simulation.collision_surfaces  # else there is nothing new to say
+        if touches and _due(self._contacts, self._contacts_gate, now, whole):
             self._contacts.publish(contact_markers(simulation, stamp))
         if _due(self._collisions, self._collisions_gate, now, whole):
             self._collisions.publish(collision_markers(simulation, stamp))
@@ -120,11 +125,12 @@ def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     """The surfaces that contact looks at, where they are now; empty in a scene where nothing can meet."""
     markers, points = [], simulation.collision_points
     for number, surface in enumerate(simulation.collision_surfaces):
+        colour = _COLLISIONS[number % len(_COLLISIONS)]
         if surface.radius > 0.0:
-            marker = _marker(stamp, surface.name, number, Marker.SPHERE, 2.0 * surface.radius, _COLLISION)
+            marker = _marker(stamp, surface.name, number, Marker.SPHERE, 2.0 * surface.radius, colour)
             (marker.pose.position,) = _points(points[surface.vertices])
         else:
-            marker = _marker(stamp, surface.name, number, Marker.TRIANGLE_LIST, 1.0, _COLLISION)
+            marker = _marker(stamp, surface.name, number, Marker.TRIANGLE_LIST, 1.0, colour)
             marker.points = _points(points[surface.triangles.ravel()])
         markers.append(marker)
     return MarkerArray(markers=markers)

@@ -97,11 +97,13 @@ class Speed:
     Attributes:
         real_time_factor: Simulated over wall time, [-]; 0 while paused.
         steps_per_second: Steps done per second of wall time.
+        cpu_ms: Mean processor time of a step in [ms]: what other programs and threads take is not in it.
         stages: Times of each stage of a step.
     """
 
     real_time_factor: float = 0.0
     steps_per_second: float = 0.0
+    cpu_ms: float = 0.0
     stages: dict[str, StageTime] = field(default_factory=dict)
 
     @property
@@ -115,12 +117,13 @@ class SpeedMeter:
 
     def __init__(self, dt: float, now: float) -> None:
         self._dt, self._since = dt, now
-        self._steps = 0
+        self._steps, self._cpu_s = 0, 0.0
         self._stages: dict[str, StageTime] = {}
 
-    def add_step(self, stages_ms: dict[str, float]) -> None:
-        """Count one step with the time of each of its stages in [ms]."""
+    def add_step(self, stages_ms: dict[str, float], cpu_s: float = 0.0) -> None:
+        """Count one step with the time of each of its stages in [ms], and its processor time in [s]."""
         self._steps += 1
+        self._cpu_s += cpu_s
         for stage, time_ms in stages_ms.items():
             known = self._stages.get(stage)
             self._stages[stage] = (
@@ -131,6 +134,7 @@ class SpeedMeter:
         """The stretch up to `now` (steady clock in [s]); the next one begins."""
         elapsed = max(now - self._since, 1e-9)
         steps = self._steps
-        speed = Speed(steps * self._dt / elapsed, steps / elapsed, self._stages)
-        self._since, self._steps, self._stages = now, 0, {}
+        cpu_ms = 1e3 * self._cpu_s / max(steps, 1)
+        speed = Speed(steps * self._dt / elapsed, steps / elapsed, cpu_ms, self._stages)
+        self._since, self._steps, self._cpu_s, self._stages = now, 0, 0.0, {}
         return speed

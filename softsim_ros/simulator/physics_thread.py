@@ -284,14 +284,16 @@ class PhysicsThread:
         simulation = self._simulation
         try:
             self._apply_command()
+            cpu = time.thread_time()
             simulation.step()
+            cpu = time.thread_time() - cpu
         except SolverDivergedError as error:
             self._stop_on_fault(f"{error}; paused at the last good state: ease the load or call ~/reset")
         except Exception as error:  # a scene's own controller may raise anything; the node must live on
             self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
         else:
             publishing = self._show(whole=False)
-            self._meter.add_step({**simulation.stage_times, "publishing": publishing})
+            self._meter.add_step({**simulation.stage_times, "publishing": publishing}, cpu)
 
     def _stop_on_fault(self, sentence: str) -> None:
         self._forget_commands()
