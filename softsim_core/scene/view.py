@@ -43,8 +43,8 @@ class ViewSettings:
         contacts: Contacts and their forces.
         rigid: Rigid bodies.
         collisions: Surfaces that contact looks at.
-        search_boxes: Boxes around these surfaces, wider by the alarm distance; only where two overlap is
-            contact looked for.
+        search_boxes: A box around each of these surfaces; contact is looked for only where two boxes come
+            nearer than the alarm distance.
         hidden: Parts that are not shown, each as KIND/NAME: bodies/silicone, joints/servo_0, attachments/...,
             rigid_bodies/..., collisions/....
         stress_top: Stress in [Pa] of the last colour, > 0; None: the largest there is.

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.scene.description import AttachmentDescription, SceneDescription
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines
 from softsim_ros.viewer.surface import MM
 
-SWITCHES: Final[Mapping[str, str]] = {
-    "elements": "Finite elements",
-    "nodes": "Nodes",
-    "zones": "Rigid zones and fixings",
-    "boxes": "Boxes and spheres that select nodes",
-    "frames": "Frames",
-    "arms": "Servo arms",
-    "labels": "Labels",
-}
-"""What can be switched, and its words on the page."""
-
-SHOWN_AT_START: Final = frozenset({"arms", "labels"})
+Still: TypeAlias = tuple[str, str, Any]
+"""A thing that is drawn once: its layer, the part of the scene it belongs to, its handle."""
 
 ELEMENT_SHARE = 0.85
+ZONE_SHARE = 2.2
+"""Nodes of rigid zones are drawn so many times as large as others."""
+
 ZONE_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), (201, 42, 42), (12, 133, 153))
 
 
@@ -42,41 +36,44 @@ class InnerView:
     def __init__(self, scene: Any, robot: SceneDescription, frames: Sequence[str]) -> None:
         self._scene, self._robot = scene, robot
         self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
+        self._bodies: dict[str, slice] = {}
         self._zones: list[tuple[str, IndexArray]] = []
         self._positions: Array | None = None
         self._moving: dict[str, Any] = {}
-        self.shown = set(SHOWN_AT_START)
+        self._view = ViewSettings()
         self._frames = [(name, scene.add_frame(f"/frames/{name}", show_axes=False)) for name in frames]
         for _, handle in self._frames:
             handle.axes_length, handle.axes_radius, handle.origin_radius = 12.0, 0.5, 1.0
-        self._still: dict[str, list[Any]] = {
-            "arms": self._arms(),
-            "labels": self._labels(),
-            "boxes": self._boxes(),
-        }
-        for switch in self._still:
-            self.switch(switch, switch in self.shown)
+        self._still: tuple[Still, ...] = (*self._arms(), *self._labels(), *self._boxes())
+        self.obey(self._view)
 
     @property
     def needs_nodes(self) -> bool:
         """Whether something is shown that needs the positions of the nodes."""
-        return bool(self.shown & {"elements", "nodes", "zones"})
+        view = self._view
+        return view.elements or view.nodes or view.zones
 
-    def set_structure(self, tetrahedra: IndexArray, zones: Sequence[Mapping[str, Any]]) -> None:
-        """Tell elements, shape (m, 4), and rigid zones (`name`, `nodes`)."""
+    def set_structure(
+        self,
+        tetrahedra: IndexArray,
+        bodies: Sequence[Mapping[str, Any]],
+        zones: Sequence[Mapping[str, Any]],
+    ) -> None:
+        """Tell elements, shape (m, 4); `name` and `nodes` of bodies (first, end) and of rigid zones (all)."""
         self._tetrahedra = tetrahedra
+        self._bodies = {str(body["name"]): slice(*body["nodes"]) for body in bodies}
         self._zones = [(str(zone["name"]), np.array(zone["nodes"], dtype=np.int64)) for zone in zones]
-        self._forget(("elements", "zones"))
+        self._forget()
 
-    def switch(self, name: str, shown: bool) -> None:
-        """Show or hide one of SWITCHES."""
-        (self.shown.add if shown else self.shown.discard)(name)
-        if name == "frames":
-            for _, handle in self._frames:
-                handle.show_axes = shown
-        for handle in self._still.get(name, ()):
-            handle.visible = shown
-        self._forget((name,))
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says."""
+        self._view = view
+        for name, handle in self._frames:
+            part = name.removesuffix("_horn")
+            handle.show_axes = view.frames and not {f"joints/{part}", f"attachments/{part}"} & {*view.hidden}
+        for layer, part, handle in self._still:
+            handle.visible = getattr(view, layer) and part not in view.hidden
+        self._forget()
         if self._positions is not None:
             self.move_nodes(self._positions)
 
@@ -91,18 +88,27 @@ class InnerView:
         self._positions = positions
         if int(self._tetrahedra.max(initial=-1)) >= len(positions):
             return  # of another scene
-        if "elements" in self.shown and len(self._tetrahedra):
-            vertices, faces = shrunk_faces(positions, self._tetrahedra, ELEMENT_SHARE)
+        view, seen = self._view, self._seen(len(positions))
+        tetrahedra = self._tetrahedra[seen[self._tetrahedra[:, 0]]]
+        if view.elements and len(tetrahedra):
+            vertices, faces = shrunk_faces(positions, tetrahedra, ELEMENT_SHARE)
             self._draw("elements", "mesh", vertices.astype(np.float32), faces)
-        if "nodes" in self.shown:
-            self._draw("nodes", "points", positions.astype(np.float32), (33, 37, 41), size=0.9)
-        if "zones" in self.shown:
-            for number, (name, nodes) in enumerate(self._zones):
-                if int(nodes.max(initial=-1)) < len(positions):
-                    colour = ZONE_COLOURS[number % len(ZONE_COLOURS)]
-                    self._draw(
-                        f"zones/{name}", "points", positions[nodes].astype(np.float32), colour, size=2.0
-                    )
+        size = MM * view.node_size
+        if view.nodes and seen.any():
+            self._draw("nodes", "points", positions[seen].astype(np.float32), (33, 37, 41), size=size)
+        for number, (name, nodes) in enumerate(self._zones if view.zones else ()):
+            if f"attachments/{name}" in view.hidden or int(nodes.max(initial=-1)) >= len(positions):
+                continue
+            colour, points = ZONE_COLOURS[number % len(ZONE_COLOURS)], positions[nodes].astype(np.float32)
+            self._draw(f"zones/{name}", "points", points, colour, size=ZONE_SHARE * size)
+
+    def _seen(self, count: int) -> BoolArray:
+        """Which of `count` nodes are of bodies that are not hidden."""
+        seen = np.ones(count, dtype=bool)
+        for name, nodes in self._bodies.items():
+            if f"bodies/{name}" in self._view.hidden:
+                seen[nodes] = False
+        return seen
 
     def _draw(
         self, name: str, kind: str, points: NDArray[np.float32], extra: Any, *, size: float = 1.0
@@ -121,43 +127,49 @@ class InnerView:
                 f"/{name}", points, extra, point_size=size, point_shape="square", precision="float32"
             )
 
-    def _forget(self, names: Sequence[str]) -> None:
-        for drawn in [each for each in self._moving if each.split("/")[0] in names]:
-            self._moving.pop(drawn).remove()
+    def _forget(self) -> None:
+        """Take away what moves; it is drawn anew with the next positions."""
+        for handle in self._moving.values():
+            handle.remove()
+        self._moving.clear()
 
-    def _labels(self) -> list[Any]:
+    def _labels(self) -> list[Still]:
         return [
-            self._scene.add_label(f"/frames/{joint.name}/label", joint.name.replace("_", " ").capitalize())
+            (
+                "labels",
+                f"joints/{joint.name}",
+                self._scene.add_label(
+                    f"/frames/{joint.name}/label", joint.name.replace("_", " ").capitalize()
+                ),
+            )
             for joint in self._robot.joints
             if joint.kind == "revolute"  # the servos; slides and cables have no place of their own
         ]
 
-    def _arms(self) -> list[Any]:
-        arms = []
+    def _arms(self) -> list[Still]:
+        arms: list[Still] = []
         for joint in self._robot.joints:
             length = MM * joint.horn_length
             if length > 0.0:
-                arms.append(
-                    self._scene.add_box(
-                        f"/frames/{joint.name}_horn/arm",
-                        color=(52, 58, 64),
-                        dimensions=(4.0, 8.0, length),
-                        position=(0.0, 0.0, length / 2.0),
-                    )
+                arm = self._scene.add_box(
+                    f"/frames/{joint.name}_horn/arm",
+                    color=(52, 58, 64),
+                    dimensions=(4.0, 8.0, length),
+                    position=(0.0, 0.0, length / 2.0),
                 )
-                arms.append(
-                    self._scene.add_box(
-                        f"/frames/{joint.name}/servo",
-                        color=(73, 80, 87),
-                        opacity=0.7,
-                        dimensions=(20.0, 20.0, 12.0),
-                        position=(0.0, 0.0, -10.0),
-                    )
+                servo = self._scene.add_box(
+                    f"/frames/{joint.name}/servo",
+                    color=(73, 80, 87),
+                    opacity=0.7,
+                    dimensions=(20.0, 20.0, 12.0),
+                    position=(0.0, 0.0, -10.0),
                 )
+                arms += [("arms", f"joints/{joint.name}", handle) for handle in (arm, servo)]
         return arms
 
-    def _boxes(self) -> list[Any]:
-        return [self._region(attachment) for attachment in self._robot.attachments]
+    def _boxes(self) -> list[Still]:
+        attachments = self._robot.attachments
+        return [("boxes", f"attachments/{each.name}", self._region(each)) for each in attachments]
 
     def _region(self, attachment: AttachmentDescription) -> Any:
         box, sphere = attachment.box, attachment.sphere

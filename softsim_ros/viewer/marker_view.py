@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Collection
+from typing import Any, Final
 
 import numpy as np
 from geometry_msgs.msg import PoseArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_ros.viewer.surface import MM
+
+LONGEST_AXES_MM: Final = 30.0
+"""Arrows of a rigid body's frame reach out of the body, but no farther than this."""
 
 
 def marker_points(marker: Marker) -> NDArray[np.float32]:
@@ -32,20 +36,28 @@ class MarkerView:
     Args:
         scene: viser's scene.
         name: Where in the tree they go, such as "cables".
-        visible: Whether they show from the start.
+        part_of: From a marker's name and number, the part of the scene that it draws.
         wireframe: Whether triangles and spheres are drawn as wire frames.
     """
 
-    def __init__(self, scene: Any, name: str, *, visible: bool = True, wireframe: bool = False) -> None:
+    def __init__(
+        self,
+        scene: Any,
+        name: str,
+        *,
+        part_of: Callable[[str, int], str] = lambda name, number: "",
+        wireframe: bool = False,
+    ) -> None:
         self._scene, self._name = scene, name
-        self._visible, self._wireframe = visible, wireframe
+        self._part_of, self._wireframe = part_of, wireframe
+        self._visible, self._hidden = True, frozenset[str]()
         self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
 
-    def switch(self, shown: bool) -> None:
-        """Show or hide all of them."""
-        self._visible = shown
-        for _, handle in self._drawn.values():
-            handle.visible = shown
+    def switch(self, shown: bool, hidden: Collection[str] = ()) -> None:
+        """Show or hide all of them; those of `hidden` parts do not show either way."""
+        self._visible, self._hidden = shown, frozenset(hidden)
+        for key, (_, handle) in self._drawn.items():
+            handle.visible = self._shows(key)
 
     def clear(self) -> None:
         """Take all of them away."""
@@ -61,6 +73,9 @@ class MarkerView:
         for key in self._drawn.keys() - named:
             self._drawn.pop(key)[1].remove()
 
+    def _shows(self, key: tuple[str, int]) -> bool:
+        return self._visible and self._part_of(*key) not in self._hidden
+
     def _draw(self, key: tuple[str, int], marker: Marker) -> bool:
         points = marker_points(marker)
         if marker.type == Marker.LINE_STRIP:
@@ -75,7 +90,7 @@ class MarkerView:
         if handle is not None:
             handle.remove()
         handle = self._make(f"/{self._name}/{key[0] or 'marker'}_{key[1]}", marker, points)
-        handle.visible = self._visible
+        handle.visible = self._shows(key)
         self._drawn[key] = (marker.type, handle)
         return True
 
@@ -115,7 +130,7 @@ def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
 
 
 class RigidView:
-    """Draws rigid bodies: their triangles once, then their poses.
+    """Draws rigid bodies: their triangles once, then their poses, and their frames.
 
     Args:
         scene: viser's scene.
@@ -123,36 +138,45 @@ class RigidView:
 
     def __init__(self, scene: Any) -> None:
         self._scene = scene
-        self._bodies: list[Any] = []
+        self._bodies: list[tuple[str, Any, Any]] = []  # name, frame, surface
+        self._visible, self._axes, self._hidden = True, False, frozenset[str]()
 
     def show(self, message: MarkerArray) -> None:
         """Take other bodies: one TRIANGLE_LIST each, in the body's own frame."""
-        for body in self._bodies:
-            body.remove()
-        self._bodies = []
-        for marker in message.markers:
-            vertices = marker_points(marker)
-            alpha = marker.color.a
-            self._bodies.append(
-                self._scene.add_mesh_simple(
-                    f"/rigid/{marker.ns or marker.id}",
-                    vertices,
-                    corner_faces(vertices),
-                    color=marker_colour(marker),
-                    opacity=alpha if 0.0 < alpha < 1.0 else None,
-                    flat_shading=True,
-                    side="double",
-                )
-            )
+        for _, frame, _ in self._bodies:
+            frame.remove()
+        self._bodies = [self._make(marker) for marker in message.markers]
+        self.switch(self._visible, axes=self._axes, hidden=self._hidden)
 
-    def switch(self, shown: bool) -> None:
-        """Show or hide them."""
-        for body in self._bodies:
-            body.visible = shown
+    def switch(self, shown: bool, *, axes: bool = False, hidden: Collection[str] = ()) -> None:
+        """Show or hide their surfaces, and their frames (`axes`); `hidden` parts show neither."""
+        self._visible, self._axes, self._hidden = shown, axes, frozenset(hidden)
+        for name, frame, surface in self._bodies:
+            there = f"rigid_bodies/{name}" not in self._hidden
+            surface.visible = shown and there
+            frame.show_axes = axes and there
 
     def move(self, message: PoseArray) -> None:
         """Place the bodies, in their order."""
-        for body, pose in zip(self._bodies, message.poses, strict=False):
+        for (_, frame, _), pose in zip(self._bodies, message.poses, strict=False):
             turn = pose.orientation
-            body.position = (MM * pose.position.x, MM * pose.position.y, MM * pose.position.z)
-            body.wxyz = (turn.w, turn.x, turn.y, turn.z)
+            frame.position = (MM * pose.position.x, MM * pose.position.y, MM * pose.position.z)
+            frame.wxyz = (turn.w, turn.x, turn.y, turn.z)
+
+    def _make(self, marker: Marker) -> tuple[str, Any, Any]:
+        name, alpha = marker.ns or str(marker.id), marker.color.a
+        vertices = marker_points(marker)
+        length = min(1.3 * float(np.abs(vertices).max(initial=0.0)), LONGEST_AXES_MM)
+        frame = self._scene.add_frame(
+            f"/rigid/{name}", show_axes=False, axes_length=length, axes_radius=length / 24.0
+        )
+        surface = self._scene.add_mesh_simple(
+            f"/rigid/{name}/surface",
+            vertices,
+            corner_faces(vertices),
+            color=marker_colour(marker),
+            opacity=alpha if 0.0 < alpha < 1.0 else None,
+            flat_shading=True,
+            side="double",
+        )
+        return name, frame, surface

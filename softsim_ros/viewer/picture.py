@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,10 +18,11 @@ from visualization_msgs.msg import MarkerArray
 
 from softsim_core.arrays import Array
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.messages import read_point_cloud
 from softsim_ros.teleop.state import EffectorPose
 from softsim_ros.viewer.panel import Inbox
-from softsim_ros.viewer.stage import Stage, reset_cameras
+from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
 from softsim_ros.viewer.surface import MM, Part
 
 _NEWEST_ONLY: Final = QoSProfile(depth=1)
@@ -30,8 +32,8 @@ _LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCA
 class Picture:
     """Subscribes to what is drawn and keeps a stage up to date.
 
-    Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `mesh/nodes` (only while
-    something is shown that needs it), `frames`, `cables`, `contacts`, `bodies/topology`, `bodies/poses`.
+    Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `frames`, `cables`,
+    `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` while something shows them.
 
     Args:
         node: The node whose executor delivers the messages.
@@ -43,9 +45,11 @@ class Picture:
 
     Attributes:
         stage: The 3-D side of the page; another one after each `build`.
+        view: What is shown now: what the scene said, then what people switched.
     """
 
     stage: Stage
+    view: ViewSettings
 
     def __init__(
         self,
@@ -61,13 +65,14 @@ class Picture:
         self._on_scene, self._on_goal, self._lite = on_scene, on_goal, lite
         self._structure: dict[str, Any] = {}
         self._seen = ""
+        self._begun: tuple[str, ViewSettings] | None = None
         self._rigid: MarkerArray | None = None
         self._topology: Mesh | None = None
         self._tetrahedra = np.zeros((0, 4), np.int64)
         self._points: PointCloud2 | None = None
         self._nodes: PointCloud2 | None = None
         self._frames: PoseArray | None = None
-        self._nodes_subscription: Any = None
+        self._on_demand: dict[str, Any] = {}
         self._subscribe()
 
     def _subscribe(self) -> None:
@@ -85,9 +90,13 @@ class Picture:
     # --- a scene --------------------------------------------------------------------------------------
 
     def build(self, robot: SceneDescription) -> None:
-        """Make the stage of a scene on the server's empty 3-D scene."""
+        """Make the stage of a scene on the server's empty 3-D scene; a scene loaded anew keeps its view."""
+        if self._begun != (robot.name, robot.view):
+            self._begun, self.view = (robot.name, robot.view), robot.view
+            self._seen = ""
         frames = list(self._structure.get("frames", ()))
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
+        self.show(self.view)
 
     def show_known(self) -> None:
         """Draw what has come already: it may have come before the structure did."""
@@ -132,7 +141,7 @@ class Picture:
         ]
         with self._server.atomic():
             self.stage.surface.show(parts, (points * MM).astype(np.float32))
-            self.stage.inner.set_structure(self._tetrahedra, structure["zones"])
+            self.stage.inner.set_structure(self._tetrahedra, structure["bodies"], structure["zones"])
         if self._seen != structure["name"]:  # the same scene loaded anew keeps the view
             self._seen = structure["name"]
             self.reset_view()
@@ -154,6 +163,7 @@ class Picture:
         if message is not None:
             rows = read_point_cloud(message)
             self.stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
+            self.stage.normals.update(self.stage.surface.points, self.stage.surface.triangles, now)
             if self.stage.pull is not None:
                 self.stage.draw_rope()
         frames, self._frames = self._frames, None
@@ -165,40 +175,41 @@ class Picture:
 
     # --- what is shown --------------------------------------------------------------------------------
 
-    def colour_by_stress(self, on: bool) -> None:
-        """Colour the bodies by von Mises stress."""
-        self.stage.surface.by_stress = on
-        self.stage.surface.rebuild()
+    def show(self, view: ViewSettings) -> None:
+        """Show what a view says; large messages are asked for only while they are needed. Cameras stay."""
+        self.view = view
+        self.stage.obey(view)
+        self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
+        collisions = view.collisions or view.search_boxes
+        self._want(
+            MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
+        )
 
-    def set_top_stress(self, kilopascal: float) -> None:
-        """Stress of the last colour; 0 follows the largest."""
-        self.stage.surface.top_stress = 1e3 * kilopascal
+    def change(self, **values: Any) -> None:
+        """Show the present view with other values of some of its fields."""
+        self.show(replace(self.view, **values))
 
-    def show_bodies(self, on: bool) -> None:
-        """Show or hide the visible surfaces."""
-        self.stage.surface.visible = on
-        self.stage.surface.rebuild()
-
-    def show_wireframe(self, on: bool) -> None:
-        """Show the visible surfaces as wire frames."""
-        self.stage.surface.wireframe = on
-        self.stage.surface.rebuild()
-
-    def show_inner(self, name: str, on: bool) -> None:
-        """Show or hide something inside; nodes are asked for only while they are needed."""
-        inner = self.stage.inner
-        inner.switch(name, on)
-        if inner.needs_nodes and self._nodes_subscription is None:
-            self._nodes_subscription = self._node.create_subscription(
-                PointCloud2, "mesh/nodes", self._on_nodes, _NEWEST_ONLY
-            )
-        elif not inner.needs_nodes and self._nodes_subscription is not None:
-            self._node.destroy_subscription(self._nodes_subscription)
-            self._nodes_subscription = None
+    def hide(self, part: str, hidden: bool) -> None:
+        """Hide or show a part of the scene, such as "bodies/silicone"."""
+        others = tuple(each for each in self.view.hidden if each != part)
+        self.change(hidden=(*others, part) if hidden else others)
 
     def reset_view(self) -> None:
-        """Move every camera to where it started."""
-        reset_cameras(self._server, self.stage.surface.points)
+        """Move every camera to where the scene's view says, or to where it sees the bodies."""
+        camera = self.view.camera
+        if camera is None:
+            position, target = camera_for(self.stage.surface.points)
+        else:
+            position = tuple(MM * each for each in camera.position)
+            target = tuple(MM * each for each in camera.target)
+        move_cameras(self._server, position, target)
+
+    def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
+        """Subscribe to a topic while it is wanted."""
+        if wanted and topic not in self._on_demand:
+            self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, _NEWEST_ONLY)
+        elif not wanted and topic in self._on_demand:
+            self._node.destroy_subscription(self._on_demand.pop(topic))
 
 
 def _pose_rows(message: PoseArray) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.pose import rotation_euler
@@ -48,3 +49,14 @@ def shrunk_faces(points: Array, tetrahedra: IndexArray, share: float) -> tuple[A
     sides = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
     faces = (4 * np.arange(len(tetrahedra))[:, None, None] + sides).reshape(-1, 3)
     return vertices, faces
+
+
+def normal_lines(points: NDArray[np.float32], triangles: IndexArray, length: float) -> NDArray[np.float32]:
+    """From the middle of each triangle (k, 3) along its normal, shape (k, 2, 3); flat triangles have none."""
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    keep = size > 0.0
+    start = corners[keep].mean(axis=1)
+    end = start + length * normals[keep] / size[keep, None]
+    return np.stack([start, end], axis=1).astype(np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 from visualization_msgs.msg import MarkerArray
 
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.viewer.collision_view import CollisionView
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.marker_view import MarkerView, RigidView
+from softsim_ros.viewer.normals_view import NormalsView
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.surface import MM, SurfaceView
@@ -74,8 +77,12 @@ class Stage:
         )
         scene.add_frame("/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM))
         self.surface = SurfaceView(scene, self._on_mesh)
+        self.normals = NormalsView(scene)
         self.inner = InnerView(scene, robot, frames)
-        self.cables, self.contacts = MarkerView(scene, "cables"), MarkerView(scene, "contacts")
+        cables = dict(enumerate(joint.name for joint in robot.joints if joint.kind == "cable"))
+        self.cables = MarkerView(scene, "cables", part_of=lambda _, number: f"joints/{cables.get(number)}")
+        self.contacts = MarkerView(scene, "contacts")
+        self.collisions = CollisionView(scene)
         self.rigid = RigidView(scene)
         self.pull: Pull | None = None
         self.pull_mode = False
@@ -88,6 +95,16 @@ class Stage:
         """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
         self.rigid.show(message)
         self._floor.visible = not message.markers
+
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says; the camera stays."""
+        self.surface.obey(view)
+        self.normals.switch(view.normals and view.bodies)
+        self.inner.obey(view)
+        self.cables.switch(view.cables, view.hidden)
+        self.contacts.switch(view.contacts)
+        self.collisions.obey(view)
+        self.rigid.switch(view.rigid, axes=view.frames, hidden=view.hidden)
 
     # --- goal -----------------------------------------------------------------------------------------
 
@@ -187,9 +204,8 @@ def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[fl
     return tuple(position.tolist()), tuple(target.tolist())
 
 
-def reset_cameras(server: Any, points: NDArray[np.float32]) -> None:
-    """Move the camera of every browser, and of those to come, to where it sees the bodies."""
-    position, target = camera_for(points)
+def move_cameras(server: Any, position: Sequence[float], target: Sequence[float]) -> None:
+    """Move the camera of every browser, and of those to come; in [mm]."""
     server.initial_camera.position, server.initial_camera.look_at = position, target
     for client in server.get_clients().values():
         client.camera.position = position

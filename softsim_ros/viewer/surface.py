@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softsim_core.arrays import IndexArray
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.messages import stress_colours
 
 MM: Final = 1000.0
@@ -91,6 +92,10 @@ class _Band:
 class SurfaceView:
     """The surface in the page.
 
+    Attributes:
+        points: Vertices of all bodies in [mm], shape (p, 3).
+        triangles: Those of the bodies that are not hidden, shape (k, 3).
+
     Args:
         scene: viser's scene.
         on_mesh: Called with every mesh that is made, to make it answer to the mouse.
@@ -99,7 +104,7 @@ class SurfaceView:
     def __init__(self, scene: Any, on_mesh: Callable[[Any], None]) -> None:
         self._scene, self._on_mesh = scene, on_mesh
         self._parts: list[Part] = []
-        self._triangles: IndexArray = np.zeros((0, 3), np.int64)
+        self.triangles: IndexArray = np.zeros((0, 3), np.int64)
         self._plain: list[tuple[Part, Any]] = []
         self._bands: list[_Band] = []
         self._regrouped_at = -math.inf
@@ -108,6 +113,7 @@ class SurfaceView:
         self.by_stress = False
         self.visible = True
         self.wireframe = False
+        self.hidden: frozenset[str] = frozenset()
         self.top_stress = 0.0
         self.shown_top = 1.0
 
@@ -115,9 +121,15 @@ class SurfaceView:
         """Show another surface; `points` in [mm], shape (p, 3)."""
         self._parts, self.points = parts, np.array(points)
         self.stress = np.zeros(len(points), np.float32)
-        empty = np.zeros((0, 3), np.int64)
-        self._triangles = np.concatenate([empty, *(part.triangles for part in parts)])
         self.rebuild()
+
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says; meshes are made anew only where that is something else."""
+        self.top_stress = view.stress_top or 0.0
+        wanted = (view.bodies, view.stress, view.wireframe, frozenset(view.hidden))
+        if wanted != (self.visible, self.by_stress, self.wireframe, self.hidden):
+            self.visible, self.by_stress, self.wireframe, self.hidden = wanted
+            self.rebuild()
 
     def rebuild(self) -> None:
         """Make the meshes anew, after a switch was changed."""
@@ -126,12 +138,14 @@ class SurfaceView:
         for band in self._bands:
             band.mesh.remove()
         self._plain, self._bands = [], []
-        if not self.visible or not len(self._triangles):
+        shown = [part for part in self._parts if f"bodies/{part.name}" not in self.hidden]
+        self.triangles = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in shown)])
+        if not self.visible or not len(self.triangles):
             return
         if self.by_stress:
             self._make_bands()
         else:
-            self._make_plain()
+            self._make_plain(shown)
 
     def update(self, points: Points, stress: Points, now: float) -> None:
         """Move the vertices: positions in [mm], shape (p, 3), stress in [Pa], shape (p,); `now` in [s]."""
@@ -151,8 +165,8 @@ class SurfaceView:
         """Index of the vertex that is nearest to a position in [mm]."""
         return int(np.argmin(((self.points - position) ** 2).sum(axis=1)))
 
-    def _make_plain(self) -> None:
-        for part in self._parts:
+    def _make_plain(self, parts: list[Part]) -> None:
+        for part in parts:
             *rgb, alpha = part.colour
             mesh = self._scene.add_mesh_simple(
                 f"/bodies/{part.name}",
@@ -189,9 +203,9 @@ class SurfaceView:
             highest > self.shown_top or round_up(highest) < 0.45 * self.shown_top
         ):  # no flicker between two tops
             self.shown_top = round_up(highest)
-        band_of = bands_of(self.stress, self._triangles, self.shown_top)
+        band_of = bands_of(self.stress, self.triangles, self.shown_top)
         for index, band in enumerate(self._bands):
-            own = self._triangles[band_of == index]
+            own = self.triangles[band_of == index]
             if len(own):
                 band.vertices, faces = compact(own, len(self.points))
             else:  # hiding it would leave holes for a frame, so it shrinks to a point

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from softsim_ros.viewer import readings
-from softsim_ros.viewer.inner_view import SHOWN_AT_START, SWITCHES
+from softsim_ros.viewer.layers import LAYERS
 from softsim_ros.viewer.panel import Inbox, Shown
+from softsim_ros.viewer.surface import MM
+from softsim_ros.viewer.tuning import KILO
 
 if TYPE_CHECKING:
+    from softsim_ros.viewer.picture import Picture
     from softsim_ros.viewer.viewer_node import Viewer
+
+NODE_SIZES: Final = (0.2, 5.0, 0.1)
+"""Range and step of the size at which nodes are drawn, in [mm]."""
 
 
 class ViewTab:
@@ -24,22 +30,18 @@ class ViewTab:
 
     def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer) -> None:
         self._viewer, picture = viewer, viewer.picture
-        stage = picture.stage
-        inbox.on_change(gui.add_checkbox("Stress colours", stage.surface.by_stress), picture.colour_by_stress)
-        top = gui.add_number("Top of the scale [kPa], 0: automatic", 0.0, min=0.0, step=1.0)
-        inbox.on_change(top, picture.set_top_stress)
+        stage, view = picture.stage, picture.view
         self._legend = Shown(gui.add_html(""))
-        inbox.on_change(gui.add_checkbox("Bodies", True), picture.show_bodies)
-        inbox.on_change(gui.add_checkbox("Wire frame", False), picture.show_wireframe)
-        for name, words in SWITCHES.items():
-            box = gui.add_checkbox(words, name in SHOWN_AT_START)
-            inbox.on_change(box, partial(picture.show_inner, name))
-        for words, switch in (
-            ("Cables", stage.cables.switch),
-            ("Contacts and forces", stage.contacts.switch),
-            ("Rigid bodies", stage.rigid.switch),
-        ):
-            inbox.on_change(gui.add_checkbox(words, True), switch)
+        top = gui.add_number(
+            "Top of the scale [kPa], 0: automatic", (view.stress_top or 0.0) / KILO, min=0.0, step=1.0
+        )
+        inbox.on_change(top, lambda shown: picture.change(stress_top=KILO * shown or None))
+        self._boxes: dict[str, Any] = {}
+        for name, words in LAYERS.items():
+            self._boxes[name] = gui.add_checkbox(words, getattr(view, name))
+            inbox.on_change(self._boxes[name], partial(_switch, picture, name))
+        size = gui.add_slider("Size of nodes [mm]", *NODE_SIZES, MM * view.node_size)
+        inbox.on_change(size, lambda shown: picture.change(node_size=shown / MM))
         with gui.add_folder("Mouse"):
             inbox.on_change(gui.add_checkbox("Drag pulls (as Shift + drag)", False), stage.set_pull_mode)
             stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, viewer.pull_stiffness)
@@ -48,9 +50,16 @@ class ViewTab:
         gui.add_button("Save picture").on_click(save_picture)
 
     def refresh(self) -> None:
-        """Show the scale of the stress."""
-        surface = self._viewer.picture.stage.surface
+        """Show the scale of the stress, and what is switched."""
+        surface, view = self._viewer.picture.stage.surface, self._viewer.picture.view
+        for name, box in self._boxes.items():
+            if box.value != getattr(view, name):
+                box.value = getattr(view, name)
         self._legend.show(readings.legend(surface.shown_top) if surface.by_stress else "")
+
+
+def _switch(picture: Picture, layer: str, shown: bool) -> None:
+    picture.change(**{layer: shown})
 
 
 def save_picture(event: Any) -> None:

@@ -16,12 +16,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import load_scene
 from softsim_core.scene.description import KeyBinding
+from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer import readings
+from softsim_ros.viewer.collision_view import CollisionView
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
-from softsim_ros.viewer.marker_view import MarkerView, marker_colour, marker_points
+from softsim_ros.viewer.inner_view import InnerView
+from softsim_ros.viewer.layers import LAYERS
+from softsim_ros.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
+from softsim_ros.viewer.normals_view import NormalsView
 from softsim_ros.viewer.properties import parts_of
 from softsim_ros.viewer.pull import Pull
-from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines, tetrahedra_edges
+from softsim_ros.viewer.shapes import box_lines, normal_lines, shrunk_faces, sphere_lines, tetrahedra_edges
 from softsim_ros.viewer.stage import camera_for
 from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
 from softsim_ros.viewer.tuning import tunables
@@ -143,11 +149,12 @@ class Canvas:
     def __init__(self) -> None:
         self.drawn: dict[str, Drawn] = {}
 
-    def add_line_segments(self, name: str, points: object, extra: object, **more: object) -> Drawn:
+    def add(self, name: str, points: object = None, *_: object, **more: object) -> Drawn:
         self.drawn[name] = Drawn(points=points, vertices=points, **more)
         return self.drawn[name]
 
-    add_point_cloud = add_mesh_simple = add_icosphere = add_line_segments
+    add_line_segments = add_point_cloud = add_mesh_simple = add_icosphere = add
+    add_frame = add_label = add_box = add
 
 
 def marker(kind: int, name: str, points: list[tuple[float, float, float]]) -> Marker:
@@ -179,7 +186,8 @@ def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
 
 def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
     canvas = Canvas()
-    view = MarkerView(canvas, "collisions", visible=False, wireframe=True)
+    view = MarkerView(canvas, "collisions", part_of=lambda name, _: f"collisions/{name}", wireframe=True)
+    view.switch(False)
     wall = marker(Marker.TRIANGLE_LIST, "wall", [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0)])
     view.update(MarkerArray(markers=[wall]))
     drawn = canvas.drawn["/collisions/wall_0"]
@@ -189,6 +197,8 @@ def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
     wall.points[0].z = 0.002
     view.update(MarkerArray(markers=[wall]))
     assert drawn.visible
+    view.switch(True, hidden=["collisions/wall"])
+    assert not drawn.visible
     assert drawn.vertices[0].tolist() == [0.0, 0.0, 2.0]
     wall.points += wall.points
     view.update(MarkerArray(markers=[wall]))
@@ -196,6 +206,80 @@ def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
     assert len(canvas.drawn["/collisions/wall_0"].vertices) == 6
     view.clear()
     assert canvas.drawn["/collisions/wall_0"].removed
+
+
+def test_rigid_bodies_obey_switches_that_came_before_them() -> None:
+    canvas = Canvas()
+    view = RigidView(canvas)
+    view.switch(True, axes=True, hidden=["rigid_bodies/ball"])
+    triangle = [(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)]
+    view.show(
+        MarkerArray(markers=[marker(Marker.TRIANGLE_LIST, name, triangle) for name in ("cube", "ball")])
+    )
+    cube, ball = canvas.drawn["/rigid/cube"], canvas.drawn["/rigid/ball"]
+    assert (cube.show_axes, ball.show_axes) == (True, False)
+    assert cube.axes_length == pytest.approx(13.0)
+    assert canvas.drawn["/rigid/cube/surface"].visible
+    assert not canvas.drawn["/rigid/ball/surface"].visible
+
+
+def test_collision_boxes_lie_around_what_is_not_hidden() -> None:
+    canvas = Canvas()
+    view = CollisionView(canvas)
+    wall = marker(Marker.TRIANGLE_LIST, "wall", [(0, 0, 0), (0.01, 0, 0), (0, 0.02, 0.03)])
+    ball = marker(Marker.SPHERE, "ball", [])
+    ball.scale.x = 0.004
+    message = MarkerArray(markers=[wall, ball])
+    view.update(message)
+    assert canvas.drawn == {}
+    view.obey(ViewSettings(search_boxes=True))
+    view.update(message)
+    boxes = canvas.drawn["/search_boxes"].points.reshape(2, 24, 3)
+    assert boxes.min(axis=1).tolist() == [[0.0, 0.0, 0.0], [-2.0, -2.0, -2.0]]
+    assert boxes[0].max(axis=0) == pytest.approx([10.0, 20.0, 30.0])
+    view.obey(ViewSettings(search_boxes=True, hidden=("collisions/wall",)))
+    view.update(message)
+    assert len(canvas.drawn["/search_boxes"].points) == 12
+    view.obey(ViewSettings())
+    assert canvas.drawn["/search_boxes"].removed
+
+
+def test_normals_stand_on_their_triangles() -> None:
+    points = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0]], np.float32)
+    lines = normal_lines(points, np.array([[0, 1, 2], [0, 0, 1]]), 2.0)
+    assert lines.tolist() == [[[1.0, 1.0, 0.0], [1.0, 1.0, 2.0]]]
+    canvas = Canvas()
+    view = NormalsView(canvas)
+    view.update(points, np.array([[0, 1, 2]]), 0.0)
+    assert canvas.drawn == {}
+    view.switch(True)
+    view.update(points, np.array([[0, 1, 2]]), 0.1)
+    view.switch(False)
+    assert canvas.drawn["/normals"].removed
+
+
+def test_every_layer_of_a_view_has_its_words() -> None:
+    assert set(LAYERS) == set(LAYERS_OF_A_VIEW)
+
+
+def test_what_lies_inside_obeys_the_view() -> None:
+    canvas = Canvas()
+    inside = InnerView(canvas, TRIPOD, ["servo_0", "servo_0_horn", "centre"])
+    arm, label = canvas.drawn["/frames/servo_0_horn/arm"], canvas.drawn["/frames/servo_1/label"]
+    assert (arm.visible, label.visible, inside.needs_nodes) == (True, True, False)
+    inside.obey(
+        ViewSettings(labels=False, frames=True, nodes=True, node_size=0.002, hidden=("joints/servo_0",))
+    )
+    assert (arm.visible, label.visible, inside.needs_nodes) == (False, False, True)
+    assert not canvas.drawn["/frames/servo_0_horn"].show_axes
+    assert canvas.drawn["/frames/centre"].show_axes
+    bodies = [{"name": "silicone", "nodes": [0, 3]}, {"name": "other", "nodes": [3, 4]}]
+    inside.set_structure(np.zeros((0, 4), np.int64), bodies, [])
+    inside.move_nodes(np.zeros((4, 3)))
+    assert len(canvas.drawn["/nodes"].points) == 4
+    assert canvas.drawn["/nodes"].point_size == pytest.approx(2.0)
+    inside.obey(ViewSettings(nodes=True, hidden=("bodies/silicone",)))
+    assert len(canvas.drawn["/nodes"].points) == 1
 
 
 def test_the_camera_starts_where_it_sees_the_bodies() -> None:
