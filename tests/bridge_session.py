@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from node_processes import DEADLINE_S, Client, NodeProcess, parameter_words, spin_until
+from node_processes import Client, ProcessGroup, parameter_words
 
 NAMESPACE = "/tripod"
 BRIDGE = "servo_bridge.bridge_node"
@@ -18,14 +18,8 @@ REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactiv
 class BridgeClient(Client):
     """A client in the robot's namespace that knows the bridge's services."""
 
-    def __init__(self, domain: int) -> None:
-        super().__init__(domain, NAMESPACE)
-
-    def publisher(self, kind: Any, topic: str) -> Any:
-        """A publisher that has a subscriber."""
-        publisher = self.node.create_publisher(kind, topic, 1)
-        assert spin_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens on {topic}"
-        return publisher
+    def __init__(self, domain: int, processes: ProcessGroup | None = None) -> None:
+        super().__init__(domain, NAMESPACE, processes)
 
     def transition(self, label: str) -> bool:
         """Ask the bridge for a lifecycle transition; whether it succeeded.
@@ -80,32 +74,19 @@ def bridge_words(**parameters: object) -> list[str]:
 
 
 @pytest.fixture
-def client(ros_domain: int) -> Iterator[BridgeClient]:
+def client(ros_domain: int, start: ProcessGroup) -> Iterator[BridgeClient]:
     """A node of the test in the namespace of the robot."""
-    made = BridgeClient(ros_domain)
+    made = BridgeClient(ros_domain, start)
     yield made
     made.close()
 
 
 @pytest.fixture
-def start(tmp_path: Path, ros_domain: int) -> Iterator[Callable[..., NodeProcess]]:
+def start(tmp_path: Path, ros_domain: int) -> Iterator[ProcessGroup]:
     """Starts `module` with command line arguments; whatever still runs at the end is ended and checked."""
-    processes: list[NodeProcess] = []
-
-    def starter(module: str, *arguments: str) -> NodeProcess:
-        processes.append(NodeProcess(module, arguments, tmp_path / f"process_{len(processes)}.txt"))
-        return processes[-1]
-
-    yield starter
-    try:
-        for process in processes:
-            if process.process.poll() is None:
-                assert process.end() == 0, process.output
-            assert "Traceback" not in process.output, process.output
-    finally:
-        for process in processes:
-            process.process.kill()
-            process.process.wait(DEADLINE_S)
+    processes = ProcessGroup(tmp_path)
+    yield processes
+    processes.end()
 
 
 @pytest.fixture

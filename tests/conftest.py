@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -14,6 +13,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
 
+from node_processes import private_ros  # noqa: E402 (found by the line above)
 
 PROCESSES = ("ros", "bridge", "viewer", "recording", "firmware", "tutorials")
 """Folders of tests that run several processes against the wall clock."""
@@ -45,20 +45,8 @@ def backend(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def ros_domain(tmp_path: Path) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses now, in the environment of this test."""
     pytest.importorskip("rclpy")
-    for domain in range(10, 100):
-        guard = socket.socket()
-        try:
-            guard.bind(("127.0.0.1", 47400 + domain))
-        except OSError:
-            guard.close()
-            continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
+    with private_ros(tmp_path) as domain:
         yield domain
-        guard.close()
-        return
-    pytest.fail("no free ROS domain")

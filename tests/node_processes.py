@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DEADLINE_S = 40.0
@@ -25,6 +29,26 @@ def spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> 
             return False
         threading.Event().wait(0.005)
     return True
+
+
+@contextmanager
+def private_ros(folder: Path) -> Iterator[int]:
+    """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`."""
+    for domain in range(10, 100):
+        guard = socket.socket()
+        try:
+            guard.bind(("127.0.0.1", 47400 + domain))
+        except OSError:
+            guard.close()
+            continue
+        with guard, pytest.MonkeyPatch.context() as patch:
+            patch.setenv("ROS_DOMAIN_ID", str(domain))
+            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+            patch.setenv("ROS_LOG_DIR", str(folder / "log"))
+            patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+            yield domain
+        return
+    pytest.fail("no free ROS domain")
 
 
 class NodeProcess:
@@ -61,10 +85,46 @@ class NodeProcess:
         return self.process.wait(DEADLINE_S)
 
 
-class Client:
-    """A node of the test, served by a thread: collects messages, publishes, calls services."""
+class ProcessGroup:
+    """Starts modules with command line arguments; what they write goes to files in `folder`."""
 
-    def __init__(self, domain: int, namespace: str) -> None:
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._processes: list[NodeProcess] = []
+
+    def __call__(self, module: str, *arguments: str) -> NodeProcess:
+        log = self._folder / f"process_{len(self._processes)}.txt"
+        self._processes.append(NodeProcess(module, arguments, log))
+        return self._processes[-1]
+
+    @property
+    def output(self) -> str:
+        """What all have written."""
+        return "\n".join(process.output for process in self._processes)
+
+    def end(self) -> None:
+        """End what still runs; each has to end in order, and none may have written a traceback."""
+        try:
+            for process in self._processes:
+                if process.process.poll() is None:
+                    assert process.end() == 0, process.output
+                assert "Traceback" not in process.output, process.output
+        finally:
+            for process in self._processes:
+                process.process.kill()
+                process.process.wait(DEADLINE_S)
+
+
+class Client:
+    """A node of the test, served by a thread: collects messages, publishes, calls services.
+
+    Args:
+        domain: ROS domain.
+        namespace: Namespace of the node.
+        processes: Those it talks to; where none of them listens, what they wrote is shown.
+    """
+
+    def __init__(self, domain: int, namespace: str, processes: ProcessGroup | None = None) -> None:
         from rclpy.context import Context
         from rclpy.node import Node
 
@@ -75,6 +135,7 @@ class Client:
         self.node = Node("client", context=self.context, namespace=namespace)
         self._spinner = SpinThread([self.node], self.context)
         self._spinner.__enter__()
+        self._processes = processes
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
 
@@ -84,13 +145,23 @@ class Client:
         self.node.create_subscription(message_type, topic, messages.append, qos, raw=raw)
         return messages
 
+    def publisher(self, message_type: Any, topic: str, depth: int = 1) -> Any:
+        """A publisher that somebody listens to."""
+        publisher = self.node.create_publisher(message_type, topic, depth)
+        self._wait_for_listener(publisher)
+        return publisher
+
     def publish(self, topic: str, message: Any) -> None:
         """Send a message once somebody listens."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, 10)
-        publisher = self._publishers[topic]
-        assert spin_until(lambda: publisher.get_subscription_count() > 0), f"nobody listens on {topic}"
-        publisher.publish(message)
+        self._wait_for_listener(self._publishers[topic])
+        self._publishers[topic].publish(message)
+
+    def _wait_for_listener(self, publisher: Any) -> None:
+        spin_until(lambda: publisher.get_subscription_count() > 0)
+        written = "" if self._processes is None else self._processes.output
+        assert publisher.get_subscription_count() > 0, f"nobody listens on {publisher.topic}\n{written}"
 
     def call(self, service_type: Any, name: str, request: Any | None = None, *, once: bool = False) -> Any:
         """The answer of a service.

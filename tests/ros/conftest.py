@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from node_processes import Client, NodeProcess, parameter_words, spin_until
+from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros, spin_until
 
 BUILD_DEADLINE_S = 120.0  # kernels may have to be compiled
 SIMULATOR = "softsim_ros.simulator.simulator_node"
@@ -65,50 +64,22 @@ class Robot:
 def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses now, in the environment of these tests."""
     pytest.importorskip("rclpy")
-    for domain in range(50, 100):
-        guard = socket.socket()
-        try:
-            guard.bind(("127.0.0.1", 47400 + domain))
-        except OSError:
-            guard.close()
-            continue
-        with guard, pytest.MonkeyPatch.context() as patch:
-            patch.setenv("ROS_DOMAIN_ID", str(domain))
-            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-            patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("log")))
-            patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-            yield domain
-        return
-    pytest.fail("no free ROS domain")
+    with private_ros(tmp_path_factory.mktemp("ros")) as domain:
+        yield domain
 
 
 @pytest.fixture(scope="module")
-def start_process(
-    tmp_path_factory: pytest.TempPathFactory, ros_domain: int
-) -> Iterator[Callable[..., NodeProcess]]:
+def start_process(tmp_path_factory: pytest.TempPathFactory, ros_domain: int) -> Iterator[ProcessGroup]:
     """Starts a module with command line arguments; what still runs at the end is ended and checked."""
-    folder = tmp_path_factory.mktemp("processes")
-    processes: list[NodeProcess] = []
-
-    def start(module: str, *arguments: str) -> NodeProcess:
-        processes.append(NodeProcess(module, arguments, folder / f"{len(processes)}.txt"))
-        return processes[-1]
-
-    yield start
-    try:
-        for process in processes:
-            if process.process.poll() is None:
-                assert process.end() == 0, process.output
-            assert "Traceback" not in process.output, process.output
-    finally:
-        for process in processes:
-            process.process.kill()
+    processes = ProcessGroup(tmp_path_factory.mktemp("processes"))
+    yield processes
+    processes.end()
 
 
 @pytest.fixture(scope="module")
-def client(ros_domain: int) -> Iterator[Client]:
+def client(ros_domain: int, start_process: ProcessGroup) -> Iterator[Client]:
     """A node of the test in the namespace of the robot."""
-    node = Client(ros_domain, "tripod")
+    node = Client(ros_domain, "tripod", start_process)
     yield node
     node.close()
 
