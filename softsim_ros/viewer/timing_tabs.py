@@ -24,21 +24,25 @@ class PlotsTab:
 
     def __init__(self, gui: Any, viewer: Viewer, robot: SceneDescription) -> None:
         self._viewer, self._robot = viewer, robot
-        joints = robot.joint_names
+        charts = {
+            "positions": ("Joint positions [rad or m]", robot.joint_names),
+            "error": ("Effector to goal [mm]", ("error",)),
+            "efforts": ("Torque [N·m] or tension [N]", robot.joint_names),
+            "stages": ("Time a step [ms]", ("step", "publishing")),
+        }
         self._plots = {
-            "positions": Curves(gui, "Joint positions [rad or m]", joints),
-            "error": Curves(gui, "Effector to goal [mm]", ("error",)),
-            "efforts": Curves(gui, "Torque [N·m] or tension [N]", joints),
-            "stages": Curves(gui, "Time a step [ms]", ("step", "publishing")),
+            name: Curves(gui, title, series)
+            for name, (title, series) in charts.items()
+            if series  # a scene may have no joints
         }
 
     def add(self, time_s: float) -> None:
         """One more point on every curve."""
         viewer = self._viewer
         state = viewer.state
-        if state.measured is not None:
+        if "positions" in self._plots and state.measured is not None:
             self._plots["positions"].add(time_s, state.measured)
-        if len(viewer.efforts) == len(self._robot.joints):
+        if "efforts" in self._plots and len(viewer.efforts) == len(self._robot.joints):
             self._plots["efforts"].add(time_s, viewer.efforts)
         self._plots["error"].add(time_s, (viewer.goal_error_mm,))
         stages = viewer.diagnostics.stages
