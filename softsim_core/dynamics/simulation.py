@@ -60,7 +60,7 @@ class Simulation:
         self._drive = JointDrive(scene)
         self.forces = np.zeros_like(self.model.rest)
         self._steps = 0
-        self._step_time = 0.0
+        self._step_time = self._controllers_time = 0.0
         self._header = hashlib.sha256(repr(self._fingerprint()).encode()).digest()
         self._surface = SurfaceFollower(
             [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
@@ -91,8 +91,9 @@ class Simulation:
 
     @property
     def stage_times(self) -> dict[str, float]:
-        """Time of each stage of the last step in [ms], and of the whole step."""
-        return {**self._stepper.stage_times, "step": self._step_time}
+        """Time of each stage of the last step in [ms], and of the whole step; see dynamics.stages."""
+        times = {**self._stepper.stage_times, "step": self._step_time}
+        return {"controllers": self._controllers_time, **times} if self.scene.controllers else times
 
     def step(self) -> None:
         """Advance by one dt.
@@ -105,6 +106,7 @@ class Simulation:
         for controller in self.scene.controllers:
             if controller.on_begin is not None:
                 controller.on_begin(self)
+        begun = perf_counter()
         self._drive.advance(self.time, self.dt)
         self._last_good.copy_from(self._state)
         inputs = Inputs(self._drive.positions, self.forces, self._drive.base_shift)
@@ -115,10 +117,13 @@ class Simulation:
         if not speed < RUNAWAY_SPEED:  # also catches NaN
             self._refuse_step()
         self._steps += 1
-        self._step_time = 1e3 * (perf_counter() - started)
+        stepped = perf_counter()
         for controller in self.scene.controllers:
             if controller.on_end is not None:
                 controller.on_end(self)
+        ended = perf_counter()
+        self._controllers_time = 1e3 * (begun - started + ended - stepped)
+        self._step_time = 1e3 * (ended - started)
 
     def _refuse_step(self) -> None:
         """Go back to the last good state and say where it went wrong."""

@@ -49,6 +49,7 @@ def health(
         "steps": status.steps,
         "cpu_ms_per_step": status.speed.cpu_ms,
         "time_s": status.time_s,
+        "dt_s": status.dt,
         "time_behind_s": status.late_s,
         "trajectory": "running" if status.trajectory else "none",
         "clamped_commands": status.clamped_commands,

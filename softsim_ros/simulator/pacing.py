@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 
@@ -72,22 +73,36 @@ class RateGate:
 
 @dataclass(frozen=True)
 class StageTime:
-    """Times of one stage of the step over a stretch of wall time, in [ms]."""
+    """Times of one stage of the step over a stretch of wall time, in [ms].
+
+    Attributes:
+        calls: How many there were.
+        minimum, mean, maximum: Of one call.
+        squares: Sum of squared distances from the mean, in [ms^2].
+    """
 
     calls: int
     minimum: float
     mean: float
     maximum: float
+    squares: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Of all calls."""
+        return self.calls * self.mean
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of one call."""
+        return math.sqrt(self.squares / self.calls)
 
     def with_call(self, time_ms: float) -> StageTime:
         """The same after one more call."""
-        calls = self.calls + 1
-        return StageTime(
-            calls,
-            min(self.minimum, time_ms),
-            self.mean + (time_ms - self.mean) / calls,
-            max(self.maximum, time_ms),
-        )
+        calls, away = self.calls + 1, time_ms - self.mean
+        mean = self.mean + away / calls
+        squares = self.squares + away * (time_ms - mean)  # Welford 1962
+        return StageTime(calls, min(self.minimum, time_ms), mean, max(self.maximum, time_ms), squares)
 
 
 @dataclass(frozen=True)

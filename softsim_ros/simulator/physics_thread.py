@@ -18,6 +18,7 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
+from softsim_ros.simulator.step_history import StepHistory
 
 IDLE_PERIOD_S = 0.1
 """While paused the unchanged state is shown this often, in [s], so that late joiners see it."""
@@ -35,6 +36,7 @@ class PhysicsStatus:
     Attributes:
         speed: Real-time factor, step rate and stage times of the last second or so.
         time_s: Simulated time in [s].
+        dt: Time step in [s].
         steps: Steps done since the start of the scene.
         paused: Whether steps are stopped.
         fault: Why the physics stopped by itself; empty while it is well.
@@ -46,6 +48,7 @@ class PhysicsStatus:
 
     speed: Speed = field(default_factory=Speed)
     time_s: float = 0.0
+    dt: float = 0.0
     steps: int = 0
     paused: bool = False
     fault: str = ""
@@ -65,6 +68,10 @@ class PhysicsThread:
         on_refusal: Called in the thread with the sentence of a refused command.
         on_fault: Called in the thread with a sentence when the physics stops by itself.
         speed: Simulated seconds a wall second, >= 0; 0 is as fast as possible.
+
+    Attributes:
+        status: What it did lately.
+        history: The last steps with the time of each stage.
     """
 
     def __init__(
@@ -89,6 +96,7 @@ class PhysicsThread:
         self._meter = SpeedMeter(simulation.dt, time.monotonic())
         self._report_gate = RateGate(1.0)
         self._last_speed = Speed()
+        self.history = StepHistory()
         self.status = PhysicsStatus()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
 
@@ -292,8 +300,9 @@ class PhysicsThread:
         except Exception as error:  # a scene's own controller may raise anything; the node must live on
             self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
         else:
-            publishing = self._show(whole=False)
-            self._meter.add_step({**simulation.stage_times, "publishing": publishing}, cpu)
+            stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
+            self._meter.add_step(stages, cpu)
+            self.history.add(simulation.step_count, simulation.time, stages)
 
     def _stop_on_fault(self, sentence: str) -> None:
         self._forget_commands()
@@ -341,6 +350,7 @@ class PhysicsThread:
         self.status = PhysicsStatus(
             speed=self._last_speed,
             time_s=simulation.time,
+            dt=simulation.dt,
             steps=simulation.step_count,
             paused=self._paused,
             fault=self._fault,

@@ -25,7 +25,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from softsim_core import SceneDescription, Simulation, load_scene
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
-from softsim_ros.messages import diagnostic_array
+from softsim_ros.messages import diagnostic_array, step_profile
 from softsim_ros.runtime import ClosableNode, run_node
 from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import health
@@ -111,6 +111,7 @@ class Simulator(ClosableNode):
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
+        self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
@@ -330,6 +331,8 @@ class Simulator(ClosableNode):
         if self._stage_statistics.get_subscription_count():
             stages = self.physics.status.speed.stages
             self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
+        if self._step_profile.get_subscription_count():
+            self._step_profile.publish(step_profile(*self.physics.history.steps()))
 
 
 def _attempt(action: Callable[[], str]) -> tuple[bool, str]:

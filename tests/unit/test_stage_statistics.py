@@ -17,23 +17,40 @@ from softsim_ros.simulator.structure import index_array, structure
 pytestmark = pytest.mark.ros
 
 
-def test_percentages_are_of_the_whole_step() -> None:
+def test_the_table_is_a_tree_with_shares_of_the_whole() -> None:
     stages = {
-        "factorise": StageTime(100, 0.1, 0.3, 0.9),
-        "step": StageTime(100, 0.4, 0.6, 1.0),
-        "publishing": StageTime(100, 0.1, 0.2, 0.4),
+        "factor": StageTime(100, 0.1, 0.3, 0.9),
+        "step": StageTime(100, 0.4, 0.6, 1.0, squares=4.0),
+        "publishing": StageTime(50, 0.1, 0.4, 0.5),
     }
     message = stage_statistics(Time(), "tripod", stages)
     table = {status.name: {pair.key: pair.value for pair in status.values} for status in message.status}
-    assert list(table) == list(stages)
-    assert table["factorise"]["percent"] == "37.5"
+    assert list(table) == ["step", "factor", "publishing"]
+    assert [row["level"] for row in table.values()] == ["0", "1", "0"]
+    assert table["factor"]["percent"] == "37.5"
+    assert table["publishing"]["percent"] == "25"
     assert table["step"] == {
+        "level": "0",
         "calls": "100",
         "min_ms": "0.4",
         "mean_ms": "0.6",
         "max_ms": "1",
+        "deviation_ms": "0.2",
+        "total_ms": "60",
         "percent": "75",
     }
+
+
+def test_a_stage_gathers_mean_and_deviation_call_by_call() -> None:
+    times = np.random.default_rng(3).gamma(2.0, 0.3, 200)
+    gathered = StageTime(1, times[0], times[0], times[0])
+    for each in times[1:]:
+        gathered = gathered.with_call(each)
+    assert gathered.calls == 200
+    assert (gathered.minimum, gathered.maximum) == (times.min(), times.max())
+    assert gathered.mean == pytest.approx(times.mean())
+    assert gathered.deviation == pytest.approx(times.std())
+    assert gathered.total == pytest.approx(times.sum())
 
 
 def test_the_structure_names_what_the_topics_number() -> None:
