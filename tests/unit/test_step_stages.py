@@ -24,7 +24,7 @@ def test_a_stage_comes_before_its_parts_and_has_what_they_leave() -> None:
         StageShare("contact", 1, 5.0, 0.5),
         StageShare("forces", 2, 3.0, 3.0),
         StageShare("compliance", 2, 1.5, 1.5),
-        StageShare("show", 0, 1.0, 1.0),
+        StageShare("publishing", 0, 1.0, 1.0),
     ]
     assert stage_tree({"forces": 1.0}) == [StageShare("forces", 0, 1.0, 1.0)]
 
