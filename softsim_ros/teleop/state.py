@@ -47,6 +47,7 @@ class TeleopState:
         measured_at: Time of the newest measurement, steady clock, in [s].
         commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
         trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
+        owns_command: `commanded` was sent from here, so it is ours to repeat where repeating is needed.
         echoes: Own commands that have not come back on the topic yet, oldest first.
         simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
         real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
@@ -71,6 +72,7 @@ class TeleopState:
     measured_at: float = -math.inf
     commanded: tuple[float, ...] | None = None
     trusted_until: float = -math.inf
+    owns_command: bool = False
     echoes: tuple[tuple[float, ...], ...] = ()
     simulator: str = ""
     real_time_factor: float | None = None
@@ -114,6 +116,8 @@ def with_heard_command(
     heard = tuple(values)
     if heard in state.echoes:
         return replace(state, echoes=state.echoes[state.echoes.index(heard) + 1 :])
+    if state.owns_command and heard == state.commanded:
+        return state  # our own again: it is repeated
     if len(heard) != len(robot.joints) or not all(map(math.isfinite, heard)):
         return state  # the simulator refuses it and says so
     return with_command(state, robot, heard, now)
@@ -132,6 +136,7 @@ def with_command(
         state,
         commanded=values,
         trusted_until=now + travel + SETTLING_S,
+        owns_command=own,
         echoes=(*state.echoes, values)[-_REMEMBERED_ECHOES:] if own else state.echoes,
     )
 

@@ -252,16 +252,17 @@ class Teleop(ClosableNode):
             self._measure(message)
 
     def _is_bare(self, now: float) -> bool:
-        """Nobody measures joints: only what the bridge applied is known."""
-        return now - self._joint_states_at > STALE_AFTER_S
+        """No simulator, and nobody measures joints: only what the bridge applied is known."""
+        return now - self._joint_states_at > STALE_AFTER_S and not self._start.is_there
 
     def _hold(self, now: float) -> None:
-        """On a bare robot, repeat the newest command: the bridge takes silence for the end of control."""
+        """On a bare robot, repeat our command while it is the newest: to the bridge silence is the end."""
         state = self.state
-        if self._is_bare(now) and state.bridge == "comm" and state.commanded and not state.inverse:
+        own = state.commanded if state.owns_command and not state.inverse else None
+        if self._is_bare(now) and state.bridge == "comm" and own is not None:
             if now - self._held_at >= HOLD_INTERVAL_S:
                 self._held_at = now
-                self._commands.publish(Float64MultiArray(data=array("d", state.commanded)))
+                self._commands.publish(Float64MultiArray(data=array("d", own)))
         elif state.bridge != "comm" and self._is_bare(now):
             self.state = replace(state, commanded=None)  # a new start begins where the servos are
 

@@ -55,7 +55,6 @@ class Commander(Teleop):
         **node_options: Any,
     ) -> None:
         super().__init__(robot, name, **node_options)
-        self.slider_at = -math.inf
         self.goal: EffectorPose | None = None
         self.pull_stiffness = 30.0
         self.parameters = ParametersLink(self, on_values, self.say)
@@ -102,7 +101,7 @@ class Commander(Teleop):
 
     def drive_joint(self, joint: str, position: float) -> None:
         """Ask a joint to a position in [rad] or [m]."""
-        now = self.slider_at = time.monotonic()
+        now = time.monotonic()
         self.state, effects = move_joint(self.state, self.robot, joint, position, now)
         self.carry_out(effects, now)
 

@@ -50,8 +50,8 @@ class Controls:
         with tabs.add_tab("Scene"):
             SceneTab(gui, inbox, viewer, robot)
 
-    def refresh(self, now: float) -> None:
-        """Show the state at `now`, steady clock in [s]; a few times a second."""
+    def refresh(self) -> None:
+        """Show the state; a few times a second."""
         viewer, state = self._viewer, self._viewer.state
         words = state.simulator or "no simulator heard"
         if state.real_time_factor is not None:
@@ -61,7 +61,7 @@ class Controls:
         self._status.show(readings.sentence(f"{viewer.get_namespace()}: {fault or words}", bad=bad))
         self._message.show(readings.sentence(state.message or "ready"))
         self._lamps.show(readings.lamps(self._lamp_states()))
-        self._drive.refresh(now)
+        self._drive.refresh()
         self._view.refresh()
         self._timing.refresh()
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from softsim_core.scene.description import SceneDescription
 from softsim_ros.teleop.commands import enforces_limits
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
-from softsim_ros.viewer.panel import Inbox, Shown
+from softsim_ros.viewer.panel import Control, Inbox, Shown
 from softsim_ros.viewer.units import joint_range, slider_value
 
 if TYPE_CHECKING:
     from softsim_ros.viewer.viewer_node import Viewer
-
-SLIDER_HOLD_S: Final = 1.0
-"""A slider that was moved by hand stays there this long, in [s], before it follows the commands of others."""
 
 
 class DriveTab:
@@ -32,11 +29,10 @@ class DriveTab:
     def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
         self._viewer, self._robot = viewer, robot
         self._bars = Shown(gui.add_html(""))
-        self._sliders: dict[str, Any] = {}
+        self._sliders: list[Control] = []
         for joint in robot.joints:
             slider = gui.add_slider(joint.name, *joint_range(joint), slider_value(joint, joint.rest))
-            inbox.on_change(slider, partial(viewer.drive_joint, joint.name))
-            self._sliders[joint.name] = slider
+            self._sliders.append(inbox.on_change(slider, partial(viewer.drive_joint, joint.name)))
         with gui.add_folder("Keys"):
             for name, binding in page_keys(robot).items():
                 label = key_label(name, binding)
@@ -51,14 +47,12 @@ class DriveTab:
             inbox.on_click(stop, viewer.e_stop)
             inbox.on_click(gui.add_button("Release e-stop"), viewer.clear_e_stop)
 
-    def refresh(self, now: float) -> None:
-        """Show the joints at `now`, steady clock in [s]."""
-        viewer, robot, state = self._viewer, self._robot, self._viewer.state
+    def refresh(self) -> None:
+        """Show the joints."""
+        viewer, joints, state = self._viewer, self._robot.joints, self._viewer.state
         targets = state.commanded if state.commanded is not None else state.measured
-        enforced = enforces_limits(state, robot)
-        self._bars.show(readings.joint_bars(robot.joints, state.measured, targets, viewer.efforts, enforced))
+        enforced = enforces_limits(state, self._robot)
+        self._bars.show(readings.joint_bars(joints, state.measured, targets, viewer.efforts, enforced))
         if targets is not None:
-            for joint, target in zip(robot.joints, targets, strict=True):
-                value, slider = slider_value(joint, target), self._sliders[joint.name]
-                if slider.value != value and now - viewer.slider_at > SLIDER_HOLD_S:
-                    slider.value = value
+            for joint, slider, target in zip(joints, self._sliders, targets, strict=True):
+                slider.show(slider_value(joint, target))

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import queue
+import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Final
+
+HOLD_S: Final = 1.0
+"""A control that was changed by hand stays as it is this long, in [s], before it follows the robot again."""
 
 
 class Inbox:
@@ -16,6 +20,11 @@ class Inbox:
 
     def __init__(self) -> None:
         self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._page = 0
+
+    def turn_page(self) -> None:
+        """The controls are made anew: changes of the old ones that are still here go nowhere."""
+        self._page += 1
 
     def put(self, action: Callable[[], None]) -> None:
         """Leave an action for the node's thread."""
@@ -34,15 +43,17 @@ class Inbox:
 
         button.on_click(clicked)
 
-    def on_change(self, control: Any, action: Callable[[Any], None]) -> None:
-        """Run an action with the new value whenever a person (not this program) changes a control."""
+    def on_change(self, handle: Any, action: Callable[[Any], None]) -> Control:
+        """Run an action with the new value whenever a person changes a control of the present page."""
+        control, page = Control(handle, action), self._page
 
         async def changed(event: Any) -> None:
             if event.client_id is not None:
                 value = event.target.value
-                self.put(lambda: action(value))
+                self.put(lambda: control.take(value) if page == self._page else None)
 
-        control.on_update(changed)
+        handle.on_update(changed)
+        return control
 
     def on_key(self, command: Any, action: Callable[[], None]) -> None:
         """Run an action whenever the key of a command is pressed."""
@@ -51,6 +62,41 @@ class Inbox:
             self.put(action)
 
         command.on_trigger(pressed)
+
+
+class Control:
+    """A control with a value, which follows the robot and which a person changes.
+
+    The page commands nothing by itself: whatever a browser sends, only a value that differs from the one on
+    the page by more than its rounding counts as a person's.
+
+    Args:
+        handle: viser's control.
+        action: Called with the value that a person has given.
+    """
+
+    def __init__(self, handle: Any, action: Callable[[Any], None]) -> None:
+        self._handle, self._action = handle, action
+        self._on_page = handle.value
+        self._taken_at = -float("inf")
+
+    def show(self, value: Any) -> None:
+        """Show what the robot has, unless a person has just changed it."""
+        if value != self._handle.value and time.monotonic() - self._taken_at > HOLD_S:
+            self._handle.value = self._on_page = value
+
+    def take(self, value: Any) -> None:
+        """Act on what a person has given."""
+        if self._is_on_page(value):
+            return
+        self._on_page, self._taken_at = value, time.monotonic()
+        self._action(value)
+
+    def _is_on_page(self, value: Any) -> bool:
+        step = getattr(self._handle, "step", None)
+        if step is None or isinstance(value, bool):
+            return bool(value == self._on_page)
+        return bool(abs(value - self._on_page) < 0.5 * step)
 
 
 class Shown:

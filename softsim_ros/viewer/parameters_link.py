@@ -1,10 +1,11 @@
-"""The simulator's parameters: their values are asked for now and then, a new one is set at once."""
+"""The simulator's parameters: asked for now and then, heard of when they change, set at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -33,6 +34,8 @@ class ParametersLink:
         self._set = AsyncService(
             node, SetParametersAtomically, "simulator/set_parameters_atomically", ANSWER_WITHIN_S
         )
+        self._owner = node.resolve_service_name("simulator")
+        node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 10)
         self._wanted: dict[str, Any] = {}
         self._next_poll = 0.0
         self.names: Sequence[str] = ()
@@ -67,9 +70,15 @@ class ParametersLink:
         elif not answer.result.successful:
             self._say(f"refused: {answer.result.reason}")
 
+    def _on_event(self, event: ParameterEvent) -> None:
+        if event.node == self._owner and not (self._set.is_busy or self._wanted):
+            changed = {parameter.name: parameter.value for parameter in event.changed_parameters}
+            self._tell({name: value for name, value in changed.items() if name in self.names})
+
     def _on_answer(self, names: Sequence[str], answer: Any) -> None:
         if answer is not None and not self._set.is_busy and not self._wanted:
-            values = map(parameter_value_to_python, answer.values)
-            self._on_values(
-                {name: value for name, value in zip(names, values, strict=False) if value is not None}
-            )
+            self._tell(dict(zip(names, answer.values, strict=False)))
+
+    def _tell(self, values: Mapping[str, ParameterValue]) -> None:
+        known = {name: parameter_value_to_python(value) for name, value in values.items()}
+        self._on_values({name: value for name, value in known.items() if value is not None})

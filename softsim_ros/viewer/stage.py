@@ -90,6 +90,7 @@ class Stage:
         self._goal: Any = None
         self._goal_moved_at = -np.inf
         self._goal_dragged = False
+        self._goal_pose: tuple[float, ...] | None = None
 
     def show_rigid(self, message: MarkerArray) -> None:
         """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
@@ -113,18 +114,17 @@ class Stage:
         if pose is None:
             if self._goal is not None:
                 self._goal.remove()
-                self._goal, self._goal_dragged = None, False
+                self._goal, self._goal_dragged, self._goal_pose = None, False, None
             return
         if self._goal is None:
             self._make_goal()
         elif self._goal_dragged or now - self._goal_moved_at < GOAL_HOLD_S:
             return
         x, y, z, w = pose.quaternion_xyzw
-        position = np.array(pose.position) * MM
-        if not np.allclose(position, self._goal.position, atol=1e-6) or not np.allclose(
-            (w, x, y, z), self._goal.wxyz, atol=1e-9
-        ):
-            self._goal.position, self._goal.wxyz = position, (w, x, y, z)
+        shown = (*(np.array(pose.position) * MM), w, x, y, z)
+        if self._goal_pose is None or not np.allclose(shown, self._goal_pose, atol=1e-6):
+            self._goal_pose = shown
+            self._goal.position, self._goal.wxyz = shown[:3], shown[3:]
 
     def _make_goal(self) -> None:
         self._goal = self._server.scene.add_transform_controls("/goal", scale=25.0, depth_test=False)
@@ -140,6 +140,10 @@ class Stage:
     def _drag_goal(self, phase: str, position: NDArray[Any], wxyz: NDArray[Any]) -> None:
         self._goal_dragged = phase != "end"
         self._goal_moved_at = self.now
+        pose = (*position, *wxyz)
+        if self._goal_pose is not None and np.allclose(pose, self._goal_pose, atol=1e-6):
+            return  # the handle was touched, not moved
+        self._goal_pose = pose
         x, y, z = (position / MM).tolist()
         w, i, j, k = wxyz.tolist()
         self._on_goal(EffectorPose((x, y, z), (i, j, k, w)))

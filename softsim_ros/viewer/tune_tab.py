@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softsim_core.scene.description import SceneDescription
-from softsim_ros.viewer.panel import Inbox
+from softsim_ros.viewer.panel import Control, Inbox
 from softsim_ros.viewer.tuning import Tunable, tunables
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ class TuneTab:
     """
 
     def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
-        self._controls: dict[str, tuple[Tunable, Any]] = {}
+        self._controls: dict[str, tuple[Tunable, Control]] = {}
         for tunable in tunables(robot):
             if tunable.is_switch:
-                control = gui.add_checkbox(tunable.label, bool(tunable.start), hint=tunable.help)
+                handle = gui.add_checkbox(tunable.label, bool(tunable.start), hint=tunable.help)
             else:
-                control = gui.add_slider(
+                handle = gui.add_slider(
                     tunable.label,
                     tunable.lower,
                     tunable.upper,
@@ -38,8 +38,7 @@ class TuneTab:
                     tunable.start,
                     hint=tunable.help,
                 )
-            inbox.on_change(control, partial(viewer.tune, tunable))
-            self._controls[tunable.name] = (tunable, control)
+            self._controls[tunable.name] = (tunable, inbox.on_change(handle, partial(viewer.tune, tunable)))
 
     @property
     def names(self) -> list[str]:
@@ -51,6 +50,4 @@ class TuneTab:
         for name, value in values.items():
             if name in self._controls:
                 tunable, control = self._controls[name]
-                shown = tunable.shown(value)
-                if control.value != shown:
-                    control.value = shown
+                control.show(tunable.shown(value))

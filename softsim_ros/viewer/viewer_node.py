@@ -87,6 +87,7 @@ class Viewer(Commander):
     def _build_page(self) -> None:
         """Scene and panel for `self.robot`; the cameras stay where they are."""
         with self._server.atomic():
+            self._inbox.turn_page()
             self._server.gui.reset()
             self._server.scene.reset()
             self._server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -131,7 +132,7 @@ class Viewer(Commander):
             goal = (self.goal or self.state.effector) if self.state.inverse else None
             stage.show_goal(goal, now)
             with self._server.atomic():
-                self.controls.refresh(now)
+                self.controls.refresh()
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
             self.controls.plots.add(now - self._started_at)

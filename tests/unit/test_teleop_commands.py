@@ -99,7 +99,10 @@ def test_commands_of_others_are_adopted_and_own_echoes_are_not() -> None:
     assert state.commanded == second
     state = with_heard_command(state, TRIPOD, second or (), 0.02)
     assert (state.commanded, state.echoes) == (second, ())
-    assert with_heard_command(state, TRIPOD, (-0.5, -0.5, -0.5), 0.03).commanded == (-0.5, -0.5, -0.5)
+    assert with_heard_command(state, TRIPOD, second or (), 0.03) == state  # repeated
+    others = with_heard_command(state, TRIPOD, (-0.5, -0.5, -0.5), 0.03)
+    assert (state.owns_command, others.owns_command) == (True, False)
+    assert others.commanded == (-0.5, -0.5, -0.5)
     for nonsense in ((1.0,), (math.nan, 0.0, 0.0)):
         assert with_heard_command(state, TRIPOD, nonsense, 0.04) == state
 
