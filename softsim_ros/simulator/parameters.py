@@ -64,6 +64,24 @@ def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
     )
 
 
+def declare_overrides(node: Node) -> str:
+    """Declare and return what is laid over the scene's file; another text can be set at run time."""
+    return declare_text(
+        node,
+        "overrides",
+        "",
+        "Values laid over the scene's file, as YAML: {gravity: [0, 0, -1.6]}; it begins anew with them",
+        read_only=False,
+    )
+
+
+def forget_overrides(node: Node) -> None:
+    """Make the parameter `overrides` empty, also where one was given at start: another scene runs."""
+    descriptor = node.describe_parameter("overrides")
+    node.undeclare_parameter("overrides")
+    node.declare_parameter("overrides", "", descriptor, ignore_override=True)
+
+
 def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> StartParameters:
     """Declare all parameters but `robot`; defaults come from the scene.
 

@@ -52,6 +52,7 @@ class Publications:
         mesh_rate: Messages a second on mesh/points, in [Hz]; 0 sends none.
         publish_clock: Send simulated time on /clock and stamp every message with it.
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
+        overrides: Text of what is laid over the scene's file.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Publications:
         mesh_rate: float = 30.0,
         publish_clock: bool = False,
         marker_stress: float = 0.0,
+        overrides: str = "",
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
         self._base = f"{robot}_base"
@@ -85,14 +87,14 @@ class Publications:
         self._create_tf(node)
         self._structure = StructurePublications(node)
         self._objects = ObjectPublications(node)
-        self.show_scene(simulation)
+        self.show_scene(simulation, overrides)
 
-    def show_scene(self, simulation: Simulation) -> None:
+    def show_scene(self, simulation: Simulation, overrides: str = "") -> None:
         """Send what does not move: of the first simulation, or of another one that takes its place."""
         self._frame_names = {simulation.scene.effector: self._effector_frame}
         points, triangles = simulation.visual_rest_points, simulation.visual_triangles
         self._topology.publish(messages.topology(points, triangles))
-        self._structure.show_scene(simulation)
+        self._structure.show_scene(simulation, overrides)
         self._objects.show_scene(simulation)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from softsim_core import SceneDescription, load_scene
 from softsim_core.errors import ConfigError, SceneError
+from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.values import MeshFile
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 
@@ -16,13 +17,17 @@ Stamps = dict[Path, tuple[int, int] | None]
 
 
 class SceneFiles:
-    """The source of a scene: its file, the files it extends or imports, its meshes.
+    """The source of a scene: its file, the files it extends or imports, its meshes, what is laid over them.
 
     Args:
         scene: As loaded; one that came from no file can be neither watched nor loaded anew.
+
+    Attributes:
+        overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
     """
 
     def __init__(self, scene: SceneDescription) -> None:
+        self.overrides = ""
         self._name, self._source = scene.name, scene.source
         self._files = files_of(scene)
         self._loaded = self._seen = stamps(self._files)
@@ -32,7 +37,7 @@ class SceneFiles:
 
         Raises:
             SceneError: it came from no file.
-            ConfigError: any problem in the files, in one sentence.
+            ConfigError: any problem in the files or in the overrides, in one sentence.
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
@@ -40,7 +45,7 @@ class SceneFiles:
         for module in _modules_beside(self._source):
             sys.modules.pop(module, None)
         importlib.invalidate_caches()
-        scene = load_scene(self._source)
+        scene = load_scene(self._source, read_overrides(self.overrides))
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
         return scene

@@ -31,9 +31,11 @@ from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import health
 from softsim_ros.simulator.parameters import (
     StartParameters,
+    declare_overrides,
     declare_parameters,
     declare_physics_again,
     declare_robot,
+    forget_overrides,
 )
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
@@ -87,6 +89,9 @@ class Simulator(ClosableNode):
         try:
             declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
             self._files = SceneFiles(scene)
+            self._files.overrides = declare_overrides(self)
+            if self._files.overrides:
+                scene = self._files.load()
             self._begin(declare_parameters(self, scene, self.robot))
         except BaseException:
             self.close()
@@ -105,6 +110,7 @@ class Simulator(ClosableNode):
             mesh_rate=start.mesh_rate,
             publish_clock=start.publish_clock,
             marker_stress=start.marker_stress,
+            overrides=self._files.overrides,
         )
         self._physics = PhysicsThread(
             simulation, self._publications.publish, self._warn_refused, self.get_logger().error, start.speed
@@ -258,7 +264,8 @@ class Simulator(ClosableNode):
             raise SoftSimError(sentence) from error
         finally:
             self._applies_parameters = True
-        self.physics.replace(simulation, self._publications.show_scene)
+        show = partial(self._publications.show_scene, overrides=self._files.overrides)
+        self.physics.replace(simulation, show)
         self._start_parameters, self.joint_names = after, simulation.joint_names
         return f"loaded {scene.source}"
 
@@ -271,6 +278,19 @@ class Simulator(ClosableNode):
         except SoftSimError:
             self._files = before
             raise
+        forget_overrides(self)
+
+    def _lay_over(self, overrides: str) -> None:
+        """Begin the scene anew with other values laid over its files; wrong ones change nothing."""
+        before = self._files.overrides
+        self._files.overrides = overrides
+        try:
+            Simulation(self._files.load())  # what cannot be built must not stop what runs
+        except Exception as error:
+            self._files.overrides = before
+            reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
+            raise SoftSimError(f"overrides refused: {reason}") from error
+        self._reload()
 
     # --- parameters -----------------------------------------------------------------------------------
 
@@ -306,6 +326,8 @@ class Simulator(ClosableNode):
             self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
         elif name == "robot":
             self._change_scene(str(value))
+        elif name == "overrides":
+            self._lay_over(str(value))
         elif name == "enforce_limits":
             self.physics.call(
                 lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False

@@ -44,10 +44,10 @@ class StructurePublications:
         self._frames = node.create_publisher(PoseArray, "frames", 1)
         self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
 
-    def show_scene(self, simulation: Simulation) -> None:
-        """Send what does not move."""
+    def show_scene(self, simulation: Simulation, overrides: str = "") -> None:
+        """Send what does not move, of a scene with `overrides` laid over its file."""
         self._tetrahedra.publish(index_array(simulation.tets))
-        self._structure.publish(String(data=json.dumps(structure(simulation))))
+        self._structure.publish(String(data=json.dumps(structure(simulation, overrides))))
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
         """Send what is due; `now` is a steady clock in [s], `whole` asks for everything at once."""
@@ -59,11 +59,12 @@ class StructurePublications:
             self._nodes.publish(messages.point_cloud(stamp, "world", simulation.positions, stress))
 
 
-def structure(simulation: Simulation) -> dict[str, Any]:
+def structure(simulation: Simulation, overrides: str = "") -> dict[str, Any]:
     """The parts of a scene as plain values.
 
     Returns:
-        `name`; `source`, its file or null; `dt` in [s]; `frames`, names in the order of the topic `frames`;
+        `name`; `source`, its file or null; `overrides`, YAML text of what is laid over the file; `dt` in
+        [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
         rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`.
@@ -93,6 +94,7 @@ def structure(simulation: Simulation) -> dict[str, Any]:
     return {
         "name": scene.name,
         "source": None if scene.source is None else str(scene.source),
+        "overrides": overrides,
         "dt": simulation.dt,
         "frames": list(simulation.frames()),
         "bodies": bodies,
