@@ -21,6 +21,7 @@ from rclpy.node import Node
 
 from softsim_core.errors import SoftSimError
 from softsim_ros.environment import prepare_environment
+from softsim_ros.interrupts import put_off_in_callbacks
 
 SPIN_PERIOD_S = 0.1
 """How long one look for work lasts: the longest time a stop flag goes unseen, in [s]."""
@@ -95,6 +96,7 @@ def run_node(build: Callable[[], ClosableNode], args: Sequence[str] | None = Non
         build: Makes the node once rclpy runs.
         args: Command line without the program name; None takes the process's own.
     """
+    put_off_in_callbacks()
     try:
         prepare_environment()
         rclpy.init(args=None if args is None else ["node", *args])

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from softsim_ros.environment import MixedRosError, prepare_environment
+from softsim_ros.interrupts import put_off_in_callbacks
 
 
 class Command(NamedTuple):
@@ -101,12 +102,14 @@ def main(words: Sequence[str] | None = None) -> int:
     """
     from softsim_core.errors import SoftSimError
 
+    put_off_in_callbacks()
     try:
         return _dispatch(sys.argv[1:] if words is None else words)
     except (SoftSimError, MixedRosError) as error:
         print(f"softsim: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
+        print("softsim: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # `softsim topics | head`
         sys.stderr.close()
