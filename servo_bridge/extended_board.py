@@ -88,12 +88,13 @@ class ExtendedBoard:
         data = b""
         if self._banner_due:
             self._banner_due = False
-            data += frames.banner(self._next(), Banner(frames.PROTOCOL_VERSION, 0, 0, self._reset_cause))
+            content = Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, self._reset_cause)
+            data += frames.banner(self._next(), content)
         widths = self.motion.widths_us or (0.0,) * frames.SERVOS
-        content = Telemetry(
+        told = Telemetry(
             self.seq, self._flags(), tuple(int(width + 0.5) for width in widths), self.rejects & _COUNTER, 0
         )
-        return data + frames.telemetry(self._next(), content)
+        return data + frames.telemetry(self._next(), told)
 
     def _flags(self) -> BoardFlags:
         motion = self.motion

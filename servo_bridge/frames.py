@@ -22,6 +22,9 @@ FRAME_HEADER = 0xFE
 PROTOCOL_VERSION = 1
 """Version that the banner of a board of this protocol carries."""
 
+FIRMWARE_VERSION = (1, 0)
+"""Major and minor version of firmware/tripod.c, which the banner carries, too."""
+
 SERVOS = 3
 """Servos a frame speaks of."""
 

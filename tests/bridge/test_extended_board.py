@@ -12,7 +12,7 @@ import pytest
 from servo_bridge.codec import angle_to_width, byte_to_angle, width_limits, width_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
-from servo_bridge.frames import BoardFlags, byte_to_width, set_widths
+from servo_bridge.frames import FIRMWARE_VERSION, BoardFlags, byte_to_width, set_widths
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError
@@ -96,6 +96,9 @@ def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
     assert board.extended is not None
     assert board.extended.limits_us == ((1163, 2400),) * 3
     assert wait_until(lambda: BoardFlags.LIMITS_SET | BoardFlags.ACTIVE in flags(driver))
+    assert driver.link is not None
+    assert driver.link.banner is not None
+    assert (driver.link.banner.major, driver.link.banner.minor) == FIRMWARE_VERSION
 
 
 def test_poses_are_finer_than_a_degree_and_acknowledged(

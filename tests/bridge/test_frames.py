@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -75,6 +78,16 @@ def test_telemetry_round_trip(flags: int, widths: list[int], seq: int, rejects: 
     content = Telemetry(seq, BoardFlags(flags), tuple(widths), rejects, overruns)
     (frame,) = FrameParser().feed(frames.telemetry(0, content))
     assert frames.read_telemetry(frame) == content
+
+
+def test_the_versions_are_those_of_the_firmware() -> None:
+    source = (Path(frames.__file__).parent / "firmware" / "tripod.c").read_text()
+    versions = dict(re.findall(r"#define (\w+_VERSION|FIRMWARE_M\w+) (\d+)", source))
+    assert versions == {
+        "PROTOCOL_VERSION": str(frames.PROTOCOL_VERSION),
+        "FIRMWARE_MAJOR": str(frames.FIRMWARE_VERSION[0]),
+        "FIRMWARE_MINOR": str(frames.FIRMWARE_VERSION[1]),
+    }
 
 
 def test_banner_round_trip() -> None:

@@ -154,7 +154,8 @@ def test_a_packet_older_than_40_ms_is_dropped(board: EmulatedBoard) -> None:
 def test_banner_then_telemetry_at_20_hz(board: EmulatedBoard) -> None:
     board.run(10.0)
     parsed = FrameParser().feed(board.transmitted)
-    assert frames.read_banner(parsed[0]) == frames.Banner(frames.PROTOCOL_VERSION, 1, 0, 1)
+    banner = frames.Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, 1)
+    assert frames.read_banner(parsed[0]) == banner
     assert {frame.kind for frame in parsed[1:]} == {FrameType.TELEMETRY}
     assert 199 <= len(parsed[1:]) <= 201
     assert [frame.seq for frame in parsed] == [index % 64 for index in range(len(parsed))]
