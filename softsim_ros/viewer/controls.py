@@ -46,19 +46,16 @@ class Controls:
         with tabs.add_tab("Plots"):
             self.plots = PlotsTab(gui, viewer, robot)
         with tabs.add_tab("Timing"):
-            self._timing = TimingTab(gui, viewer)
+            self._timing = TimingTab(gui, inbox, viewer)
         with tabs.add_tab("Scene"):
             SceneTab(gui, inbox, viewer, robot)
 
     def refresh(self) -> None:
         """Show the state; a few times a second."""
         viewer, state = self._viewer, self._viewer.state
-        words = state.simulator or "no simulator heard"
-        if state.real_time_factor is not None:
-            words += f", {state.real_time_factor:.2f} × real time"
-        bad = state.simulator not in ("running", "paused")
-        fault = viewer.diagnostics.fault
-        self._status.show(readings.sentence(f"{viewer.get_namespace()}: {fault or words}", bad=bad))
+        bad, known = state.simulator not in ("running", "paused"), viewer.diagnostics
+        words = readings.progress(state.simulator, state.real_time_factor, known.time_s, known.dt)
+        self._status.show(readings.sentence(f"{viewer.get_namespace()}: {known.fault or words}", bad=bad))
         self._message.show(readings.sentence(state.message or "ready"))
         self._lamps.show(readings.lamps(self._lamp_states()))
         self._drive.refresh()

@@ -1,18 +1,16 @@
-"""Numbers for a person as HTML: joint bars with limits, lamps, the stress scale, stage times."""
+"""Numbers for a person as HTML: joint bars with limits, lamps, the stress scale, sentences."""
 
 from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from softsim_core.scene.description import JointDescription
 from softsim_ros.teleop.commands import format_position
 from softsim_ros.viewer.surface import band_colours
 
 GREEN, AMBER, RED, GREY = "#2b8a3e", "#e67700", "#c92a2a", "#868e96"
-
-Stage = Mapping[str, str]
 
 
 def box(content: str) -> str:
@@ -99,23 +97,14 @@ def pressure(value: float) -> str:
     return f"{value:.3g} Pa"
 
 
-def stage_table(stages: Mapping[str, Stage]) -> str:
-    """Times of the stages of a step: calls, smallest, mean, largest, percent of the whole."""
-    if not stages:
-        return box("no statistics yet; is the simulator running?")
-    columns = ("calls", "min_ms", "mean_ms", "max_ms", "percent")
-    titles = ("calls", "min ms", "mean ms", "max ms", "%")
-    head = "".join(f'<th style="text-align:right">{title}</th>' for title in titles)
-    rows = "".join(
-        f"<tr><td>{html.escape(name)}</td>"
-        + "".join(
-            f'<td style="text-align:right">{html.escape(values.get(column, ""))}</td>' for column in columns
-        )
-        + "</tr>"
-        for name, values in stages.items()
-    )
-    head = f'<tr><th style="text-align:left">stage</th>{head}</tr>'
-    return box(f'<table style="width:100%;border-spacing:0">{head}{rows}</table>')
+def progress(word: str, factor: float | None, time_s: float | None, dt: float | None) -> str:
+    """State of the simulation in its own word, real-time factor in [-], simulated time and step in [s]."""
+    parts = [word or "no simulator heard"]
+    if word and factor is not None:
+        parts.append(f"{factor:.2f} × real time")
+    if word and time_s is not None and dt is not None:
+        parts += [f"t = {time_s:.2f} s", f"dt = {1e3 * dt:g} ms"]
+    return ", ".join(parts)
 
 
 def sentence(text: str, *, bad: bool = False) -> str:

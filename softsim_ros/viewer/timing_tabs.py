@@ -1,13 +1,14 @@
-"""The tabs Plots and Timing: curves of the last half minute, statistics of the stages of a step."""
+"""The tabs Plots and Timing: curves of the last half minute, statistics and profiler of the steps."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from softsim_core.scene.description import SceneDescription
-from softsim_ros.viewer import readings
-from softsim_ros.viewer.panel import Shown
+from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.plots import Curves
+from softsim_ros.viewer.profiler import ProfilerView
+from softsim_ros.viewer.stage_tables import stage_table
 
 if TYPE_CHECKING:
     from softsim_ros.viewer.viewer_node import Viewer
@@ -29,6 +30,7 @@ class PlotsTab:
             "error": ("Effector to goal [mm]", ("error",)),
             "efforts": ("Torque [N·m] or tension [N]", robot.joint_names),
             "stages": ("Time a step [ms]", ("step", "publishing")),
+            "factor": ("Real-time factor", ("factor",)),
         }
         self._plots = {
             name: Curves(gui, title, series)
@@ -48,20 +50,25 @@ class PlotsTab:
         stages = viewer.diagnostics.stages
         means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
         self._plots["stages"].add(time_s, means)
+        self._plots["factor"].add(time_s, (state.real_time_factor or 0.0,))
 
 
 class TimingTab:
-    """Table of the stages.
+    """Table of the stages, and profiler of single steps.
 
     Args:
         gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
         viewer: The node whose diagnostics are shown.
     """
 
-    def __init__(self, gui: Any, viewer: Viewer) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer) -> None:
         self._viewer = viewer
         self._stages = Shown(gui.add_html(""))
+        self._profiler = ProfilerView(gui, inbox)
 
     def refresh(self) -> None:
         """Show the newest statistics."""
-        self._stages.show(readings.stage_table(self._viewer.diagnostics.stages))
+        diagnostics = self._viewer.diagnostics
+        self._stages.show(stage_table(diagnostics.stages))
+        self._profiler.refresh(diagnostics.profile)

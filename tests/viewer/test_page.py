@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -316,11 +317,35 @@ def test_what_lies_inside_can_be_switched_on(driven: Driven) -> None:
         page.wait_for_node(node)
         page.tick(words)
         page.wait_until_gone(node)
-    page.tab("Timing")
-    assert driven.shows("mean ms")
-    assert driven.shows("publishing")
     page.tab("Scene")
     assert driven.shows("A whole scene or robot")
+
+
+def test_time_and_stages_are_told_and_the_slowest_step_is_found(driven: Driven) -> None:
+    page = driven.page
+    assert driven.shows("dt = 10 ms")
+    page.tab("Timing")
+    assert driven.shows("the last second")
+    assert driven.shows("publishing")
+
+    def looked_at() -> tuple[int, float]:
+        """Number and milliseconds of the step whose tree is shown."""
+        words = page.page.get_by_text(re.compile(r"step \d+, t = ")).inner_text()
+        number, duration = re.search(r"step (\d+), .* ([\d.]+) ms", words).groups()
+        return int(number), float(duration)
+
+    first = looked_at()[0]
+    assert driven.until(lambda: looked_at()[0] > first)  # it follows the newest
+    page.click("Jump to the slowest step")
+    held = page.page.get_by_role("checkbox", name="Follow the newest step", exact=True)
+    assert driven.until(lambda: not held.is_checked())
+    slowest = looked_at()
+    page.set_number("Step shown", 3)
+    assert driven.until(lambda: looked_at()[0] != slowest[0])
+    assert looked_at()[1] <= slowest[1]
+    earlier = looked_at()[0]
+    page.tick("Follow the newest step")
+    assert driven.until(lambda: looked_at()[0] > max(earlier, slowest[0]))
 
 
 def test_another_scene_takes_its_place_and_the_tripod_comes_back(driven: Driven) -> None:
