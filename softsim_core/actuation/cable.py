@@ -69,6 +69,22 @@ class Cables:
     def __len__(self) -> int:
         return len(self.names)
 
+    def travels(self, commands: Array, state: State) -> Array:
+        """Where all joints go (j,) in [rad] or [m]: one whose command is a tension keeps its travel."""
+        if not self.by_force.any():
+            return commands
+        forced = self.joint[self.by_force]
+        positions = commands.copy()
+        positions[forced] = state.joint_positions[forced]
+        return positions
+
+    def bounds(self, commands: Array) -> tuple[Array, Array]:
+        """Bounds of the tensions in [N], shapes (c,), for the commands of all joints (j,)."""
+        if not self.by_force.any():
+            return self.lower, self.upper
+        wanted = np.clip(commands[self.joint], self.lower, self.upper)
+        return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
+
     def points(self, model: Model, state: State) -> Array:
         """All points in [m], shape (p, 3)."""
         points = np.asarray(np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes]))
@@ -98,10 +114,6 @@ class Cables:
         pulls[1:] -= unit
         return pulls, np.asarray(np.add.reduceat(length, self.first[:-1]))
 
-    def shortening(self, pulls: Array, moved: Array) -> Array:
-        """H . displacement in [m] of each cable for displacements (p, 3) of the points, shape (c,)."""
-        return np.asarray(np.add.reduceat(np.einsum("pi,pi->p", pulls, moved), self.first[:-1]))
-
     def rows(self, model: Model, state: State, points: Array, pulls: Array) -> Rows:
         """The cables' rows; a commanded travel enters as -1 on its joint, so that a row is s - travel."""
         layout = self.layout
@@ -128,11 +140,6 @@ class Cables:
             for c, name in enumerate(self.names)
         )
 
-    def bounds(self, commands: Array) -> tuple[Array, Array]:
-        """Bounds of the tensions in [N], shapes (c,), for the commands of all joints (j,)."""
-        wanted = np.clip(commands[self.joint], self.lower, self.upper)
-        return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
-
     def report(self, model: Model, state: State, tensions: Array) -> None:
         """Write tensions (c,) [N] as joint efforts, and the travel of cables commanded by force."""
         state.joint_efforts[self.joint] = tensions
@@ -143,3 +150,12 @@ class Cables:
     def gaps(self, state: State, lengths: Array) -> Array:
         """Travel beyond the commanded one in [m], s - q, of cables of these lengths (c,) [m], shape (c,)."""
         return np.asarray(self.rest_length - lengths - state.joint_positions[self.joint])
+
+
+def no_cables() -> Cables:
+    """The cables of a scene without any."""
+    none, index = np.zeros(0), np.zeros(0, np.int64)
+    layout = RowLayout(np.zeros(1, np.int64), index, np.zeros((0, 3)), *(index,) * 4)
+    points, weights = np.zeros((0, 4), np.int64), np.zeros((0, 4))
+    first, by_force = np.zeros(1, np.int64), np.zeros(0, np.bool_)
+    return Cables((), index, first, points, weights, (), none, none, none, by_force, layout)

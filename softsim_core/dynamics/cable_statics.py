@@ -18,7 +18,7 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns, jacobian
 from softsim_core.dynamics.bounded import solve_bounded
 from softsim_core.dynamics.rows import Rows, joined, sparse_rows
-from softsim_core.dynamics.stepper import Parameters, Stepper
+from softsim_core.dynamics.stepper import Parameters, Stepper, no_rows
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
@@ -96,10 +96,8 @@ class CableFactors:
         return free + self._answer @ change, change
 
 
-def cable_border_stiffness(
-    stepper: Stepper, model: Model, cables: Cables, state: State, parameters: Parameters, forces: Array
-) -> Array:
-    """Stepper.border_stiffness with cables that keep their travels, taut or not, shape (b, b).
+def border_stiffness(stepper: Stepper, state: State, parameters: Parameters, forces: Array) -> Array:
+    """Stepper.border_stiffness; its cables keep their travels, taut or not, shape (b, b).
 
     With Z what rows do to the border and W their compliance with the border held, S + Z (W + c)^-1 Z^T: c is
     0 for a travel and length over tension for the turning of a segment.
@@ -107,6 +105,9 @@ def cable_border_stiffness(
     Raises:
         SceneError: a cable is commanded by force, so its joint has no stiffness.
     """
+    model, cables = stepper.model, stepper.cables
+    if not len(cables):
+        return stepper.border_response(state, parameters, forces, no_rows())[0]
     if cables.by_force.any():
         raise SceneError(
             "inverse control needs cables commanded by displacement: set control: displacement in the scene"

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import (
     Unknowns,
@@ -20,7 +21,9 @@ from softsim_core.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
-from softsim_core.dynamics.rows import Rows, sparse_rows
+from softsim_core.dynamics.bounded import solve_bounded
+from softsim_core.dynamics.cable_statics import border_stiffness
+from softsim_core.dynamics.rows import Rows, joined, sparse_rows
 from softsim_core.dynamics.stepper import Inputs, Parameters, no_rows
 from softsim_core.fem.corotational import stiffness_blocks, stresses, von_mises
 from softsim_core.mechanics.model import Model
@@ -32,8 +35,10 @@ class ScipyStepper:
 
     name = "scipy"
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, cables: Cables) -> None:
+        self.model, self.cables = model, cables
+        self.cable_gaps, self._tensions = np.zeros(len(cables)), np.zeros(len(cables))
+        self._cable_rows = no_rows()
         self.stage_times: dict[str, float] = {}
         self._unknowns = Unknowns(model)
         self._matrix = sp.csc_matrix((0, 0))
@@ -48,8 +53,8 @@ class ScipyStepper:
         matrix, rhs = self.system(state, inputs, parameters)
         assembled = perf_counter()
         model, h, at = self.model, self.model.dt, self._unknowns
-        change = np.zeros(at.size)
-        wanted = (inputs.targets - state.joint_positions)[at.prescribed] / h
+        change, targets = np.zeros(at.size), self.cables.travels(inputs.targets, state)
+        wanted = (targets - state.joint_positions)[at.prescribed] / h
         change[at.fixed] = wanted - state.border_velocities[at.fixed - at.first_border]
         if len(at.solved):
             rows = matrix[at.solved]
@@ -57,18 +62,21 @@ class ScipyStepper:
             self._factors = factorised(rows[:, at.solved])
             change[at.solved] = self._factors.solve(rhs[at.solved] - known_part)
         self._matrix = matrix
+        pulled = self._hold_cables(state, change, self.cables.bounds(inputs.targets))
         solved = perf_counter()
 
         state.velocities[at.free] += change[: at.first_border].reshape(-1, 3)
         state.positions[at.free] += h * state.velocities[at.free]
         model.advance_border(state, state.border_velocities + change[at.first_border :])
-        state.joint_positions[at.prescribed] = inputs.targets[at.prescribed]  # exactly, without rounding
+        state.joint_positions[at.prescribed] = targets[at.prescribed]  # exactly, without rounding
         state.base_shift[0] = inputs.base_shift
         model.place_zones(state)
-        reaction = (matrix[at.fixed] @ change - rhs[at.fixed]) / h
+        reaction = (matrix[at.fixed] @ change - rhs[at.fixed]) / h - pulled[at.fixed]
         state.joint_efforts[at.prescribed] = reaction
-        spring = at.drive * (inputs.targets - state.joint_positions)
+        spring = at.drive * (targets - state.joint_positions)
         state.joint_efforts[at.compliant] = spring[at.compliant]
+        if len(self.cables):
+            self.cables.report(model, state, self._tensions)
         self.stage_times = {
             "assemble": 1e3 * (assembled - started),
             "solve": 1e3 * (solved - assembled),
@@ -76,16 +84,39 @@ class ScipyStepper:
         }
         return _top_speed(state)
 
-    def compliance(self, rows: Rows, before: State) -> Array:
-        """See Stepper."""
+    def _hold_cables(self, state: State, change: Array, bounds: tuple[Array, Array]) -> Array:
+        """Find the tensions t, add what they do to the change of velocity (d,); returns H^T t (d,)."""
+        cables, model, h, at = self.cables, self.model, self.model.dt, self._unknowns
+        if not len(cables):
+            return np.zeros(at.size)
+        points = cables.points(model, state)
+        pulls, lengths = cables.pulls(points)
+        self._cable_rows = cables.rows(model, state, points, pulls)
+        spread, answer = self._answers(self._cable_rows)
+        after = change.copy()
+        after[: at.first_border] += state.velocities[at.free].ravel()
+        after[at.first_border :] += state.border_velocities
+        compliance, gaps = h * h * (spread.T @ answer), cables.gaps(state, lengths) + h * (spread.T @ after)
+        self._tensions = solve_bounded(compliance, gaps, *bounds)
+        self.cable_gaps = gaps + compliance @ self._tensions
+        change += answer @ (h * self._tensions)
+        return np.asarray(spread @ self._tensions)
+
+    def _answers(self, rows: Rows) -> tuple[Array, Array]:
+        """H^T on all unknowns and A^-1 H^T, prescribed joints held, shapes (d, r)."""
         model, at = self.model, self._unknowns
         on_nodes, on_border = sparse_rows(rows, len(model.rest), model.border_size)
-        spread = (on_nodes @ self._mapping).toarray().T  # (d, r)
+        spread = (on_nodes @ self._mapping).toarray().T
         spread[at.first_border :] += on_border.toarray().T
-        self._held, self._answer = spread, np.zeros_like(spread)
+        answer = np.zeros_like(spread)
         if len(at.solved) and rows.height:
-            self._answer[at.solved] = self._factors.solve(spread[at.solved])
-        return np.asarray(spread.T @ self._answer)
+            answer[at.solved] = self._factors.solve(spread[at.solved])
+        return spread, answer
+
+    def compliance(self, rows: Rows, before: State) -> Array:
+        """See Stepper."""
+        self._held, self._answer = self._answers(joined([self._cable_rows, rows]))
+        return np.asarray(self._held.T @ self._answer)
 
     def correct(self, state: State, before: State, impulses: Array) -> float:
         """See Stepper."""
@@ -104,6 +135,8 @@ class ScipyStepper:
         moved = state.joint_positions - targets
         state.joint_efforts[at.compliant] -= (at.drive * moved)[at.compliant]
         model.place_zones(state)
+        if len(self.cables):
+            self.cables.report(model, state, self._tensions + impulses[: len(self.cables)] / h)
         return _top_speed(state)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
@@ -115,7 +148,7 @@ class ScipyStepper:
 
     def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
         """See Stepper."""
-        return self.border_response(state, parameters, forces, no_rows())[0]
+        return border_stiffness(self, state, parameters, forces)
 
     def border_response(
         self, state: State, parameters: Parameters, forces: Array, rows: Rows

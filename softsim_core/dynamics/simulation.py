@@ -12,11 +12,11 @@ from time import perf_counter
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.actuation.cable import CableView
+from softsim_core.actuation.cable import Cables, CableView, no_cables
 from softsim_core.actuation.limits import check_command
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.surfaces import CollisionSurface
-from softsim_core.dynamics.constrained import NOTHING, ConstrainedStepper, ContactReport
+from softsim_core.dynamics.contact_step import NOTHING, ContactReport, ContactStepper
 from softsim_core.dynamics.drive import JointDrive
 from softsim_core.dynamics.scipy_step import ScipyStepper
 from softsim_core.dynamics.statics import StaticSolution, solve_static
@@ -50,11 +50,11 @@ class Simulation:
         self.scene = scene
         built = build(scene)
         self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
-        self._stepper: Stepper = make_stepper(self.model, backend or scene.solver.backend)
         self.rigid_bodies, self._cables = built.rigid, built.cables
+        self._stepper = make_stepper(self.model, backend or scene.solver.backend, self._cables)
         self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
-        if self._cables is not None or self._contacts is not None or self.model.rigid.names:
-            self._stepper = ConstrainedStepper(self._stepper, self.model, self._cables, self._contacts)
+        if self._contacts is not None or self.model.rigid.names:
+            self._stepper = ContactStepper(self._stepper, self._contacts)
         self._state = self.model.rest_state()
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(scene)
@@ -284,7 +284,7 @@ class Simulation:
 
     def _forget_contacts(self) -> None:
         """What touched before a jump of the state is no news any more."""
-        if isinstance(self._stepper, ConstrainedStepper):
+        if isinstance(self._stepper, ContactStepper):
             self._stepper.report = NOTHING
 
     def equilibrium(
@@ -434,7 +434,7 @@ class Simulation:
     @property
     def contacts(self) -> ContactReport:
         """What touched in the last step."""
-        if isinstance(self._stepper, ConstrainedStepper):
+        if isinstance(self._stepper, ContactStepper):
             return self._stepper.report
         return NOTHING
 
@@ -470,13 +470,14 @@ def mean_at_nodes(elements: IndexArray, count: int) -> csr_array:
     return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(elements)))
 
 
-def make_stepper(model: Model, backend: Backend) -> Stepper:
+def make_stepper(model: Model, backend: Backend, cables: Cables | None = None) -> Stepper:
     """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once)."""
+    cables = cables if cables is not None else no_cables()
     if backend != "scipy":
         try:
             from softsim_core.dynamics.fast.stepper import NumbaStepper
 
-            return NumbaStepper(model)
+            return NumbaStepper(model, cables)
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
                 raise
@@ -485,7 +486,7 @@ def make_stepper(model: Model, backend: Backend) -> Stepper:
                     "backend numba needs the package numba: pip install numba, or use scipy"
                 ) from error
             _say_that_numba_is_missing()
-    return ScipyStepper(model)
+    return ScipyStepper(model, cables)
 
 
 @cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings

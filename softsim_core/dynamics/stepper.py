@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array
 from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model
@@ -52,11 +53,26 @@ class Stepper(Protocol):
         A dv = b,   A = (1 + h r_M) M + h (h + r_K) K,   b = h (f - r_M M v - (h + r_K) K v)
         v+ = v + dv,   x+ = x + h v+
 
+    Cables hold in the same step: tensions t within their bounds add h H^T t to b, so that the travel at its
+    end, to first order, is the commanded one or a bound is reached.
+
     Source: Baraff and Witkin 1998.
+
+    Attributes:
+        name: Of the implementation.
+        model, cables: What moves.
+        stage_times: Times of the last step's stages in [ms].
     """
 
     name: str
+    model: Model
+    cables: Cables
     stage_times: dict[str, float]
+
+    @property
+    def cable_gaps(self) -> Array:
+        """Travel beyond the commanded one in [m] that the last step left to first order, shape (c,)."""
+        ...
 
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """Advance `state` by one dt, in place.
@@ -68,16 +84,18 @@ class Stepper(Protocol):
         ...
 
     def compliance(self, rows: Rows, before: State) -> Array:
-        """H A^-1 H^T of the matrix of the last step, prescribed joints held, in [1/kg], shape (r, r).
+        """H A^-1 H^T of the matrix of the last step, prescribed joints held, in [1/kg], shape (c + r, c + r).
 
         Args:
-            rows: Constraint rows H at the start of the step.
+            rows: Constraint rows at the start of the step; H holds those of the c cables, then these.
             before: The state at the start of the step.
         """
         ...
 
     def correct(self, state: State, before: State, impulses: Array) -> float:
-        """Add to the last step what `impulses` (r,) [N s] on the rows of the last `compliance` do, in place.
+        """Add to the last step what `impulses` [N s] on the rows of the last `compliance` do, in place.
+
+        Shape (c + r,); those of cables come on top of the tensions that the step found.
 
         Returns:
             As `step`.
@@ -102,7 +120,7 @@ class Stepper(Protocol):
     def border_response(
         self, state: State, parameters: Parameters, forces: Array, rows: Rows
     ) -> tuple[Array, Array, Array]:
-        """`border_stiffness`, and what forces on rows H do beside it.
+        """`border_stiffness` without cables, and what forces on rows H do beside it.
 
         Returns:
             S (b, b) as `border_stiffness`; Z (b, r), the force that reaches the border a unit of each row's,

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from softsim_core import Simulation
+from softsim_core.actuation.cable import no_cables
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.scipy_step import ScipyStepper, factorised
@@ -79,7 +80,7 @@ def step_matrix(simulation: Simulation) -> sp.csc_matrix:
     for index, name in enumerate(model.frame_names):
         state.frame_positions[index] = frames[name].position
     inputs = Inputs(simulation.joint_targets, simulation.forces, simulation.base_shift)
-    matrix, _ = ScipyStepper(model).system(state, inputs, simulation.parameters)
+    matrix, _ = ScipyStepper(model, no_cables()).system(state, inputs, simulation.parameters)
     solved = Unknowns(model).solved
     return matrix[solved][:, solved].tocsc()
 

@@ -1,4 +1,4 @@
-"""Forces on constraint rows: both implementations of the step agree, and agree with a force on the nodes."""
+"""Forces on constraint rows, and cables: both implementations of the step agree, and with forces on nodes."""
 
 from __future__ import annotations
 

@@ -28,12 +28,12 @@ from softsim_core.dynamics.fast.simd import (
 @kernel
 def spread_rows(
     start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
-    border: Border, nodes: Nodes, unknown: IndexArray, supernode: IndexArray, tree: Tree, parent: IndexArray,
-    work: Work, spread: Array, spans: IndexArray,
+    border: Border, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
 ) -> None:  # fmt: skip
     """H^T into `spread` (unknowns, padded rows), row r in column[r]; spans: columns of each supernode."""
     screws(motion, border, work)
     jacobians(motion, nodes, work)
+    unknown, supernode, parent = nodes.first_unknown, nodes.supernode, tree.parent
     size, count, tail = len(start) - 1, len(unknown), 3 * len(nodes.free)
     for s in range(len(spans)):
         spans[s, 0], spans[s, 1] = spread.shape[1], 0
@@ -130,14 +130,11 @@ def forward_rows(
 @kernel
 def respond(
     start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
-    border: Border, nodes: Nodes, unknown: IndexArray, supernode: IndexArray, parent: IndexArray, tree: Tree,
-    work: Work, spread: Array, spans: IndexArray, space: Array, product: Array, result: Array,
+    border: Border, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray, space: Array,
+    product: Array, result: Array,
 ) -> None:  # fmt: skip
     """H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r); see the functions above."""
-    spread_rows(
-        start, place, coefficient, column, motion, border, nodes, unknown, supernode, tree, parent, work,
-        spread, spans,
-    )  # fmt: skip
+    spread_rows(start, place, coefficient, column, motion, border, nodes, tree, work, spread, spans)
     forward_rows(tree, work, spans, spread, space, product)
     for r in range(len(column)):
         for q in range(r + 1):
@@ -151,8 +148,11 @@ def apply_impulses(
     motion: Motion, before: Motion, impulses: Array, border_change: Array, h: float, border: Border,
     nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
 ) -> float:  # fmt: skip
-    """Change velocities and positions by what impulses (padded rows) do; returns the top speed, or NaN."""
-    tail, size = 3 * len(nodes.free), len(border_change)
+    """Change velocities and positions by what impulses (padded rows) do; returns the top speed, or NaN.
+
+    `border_change` (b + c,) holds the frames and joints, then minus the impulses of cables.
+    """
+    tail, size = 3 * len(nodes.free), len(motion.border_velocities)
     rows, pitch = spread.reshape(-1), spread.shape[1]
     for s in range(len(tree.columns)):
         low, high = spans[s, 0], max(spans[s, 0], spans[s, 1])
@@ -161,7 +161,7 @@ def apply_impulses(
             at = (tree.first_column[s] + k) * pitch + low
             total = dot_product(rows, at, impulses, low, high - low) if low < high else 0.0
             work.panels[tree.panel[s] + k * width + right] = total
-    for b in range(size):
+    for b in range(len(border_change)):
         work.solution[tail + b] = border_change[b]
     solve_backward(tree, work)
     speed, finite = 0.0, True

@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray
+from softsim_core.arrays import Array
 from softsim_core.dynamics.fast.compile import kernel
 from softsim_core.dynamics.fast.layout import Tree, Work
 from softsim_core.dynamics.fast.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
@@ -111,44 +111,6 @@ def factor(tree: Tree, work: Work) -> None:
     border, pitch = work.schur.reshape(-1), work.schur.shape[1]
     for c in range(tree.first_child[size], tree.first_child[size + 1]):
         add_update(tree, tree.children[c], stack, 0, 0, 0, panels, 0, border, 0, pitch)
-
-
-@kernel
-def solve_border(schur: Array, known: BoolArray, change: Array, matrix: Array) -> None:
-    """Border unknowns from the upper triangle of `schur` (last column: right-hand side).
-
-    Entries of `change` (b,) with `known` true are given; the others are filled in. `matrix` (b, b) is
-    scratch.
-    """
-    size = len(known)
-    for i in range(size):
-        if known[i]:
-            continue
-        change[i] = schur[i, size]
-        for j in range(size):
-            if known[j]:
-                change[i] -= (schur[i, j] if i < j else schur[j, i]) * change[j]
-        for j in range(i, size):
-            matrix[i, j] = schur[i, j]
-    for i in range(size):  # Cholesky of the unknown part, forward solve on the way
-        if known[i]:
-            continue
-        for k in range(i):
-            if not known[k]:
-                for j in range(i, size):
-                    matrix[i, j] -= matrix[k, i] * matrix[k, j]
-                change[i] -= matrix[k, i] * change[k]
-        scale = 1.0 / sqrt(matrix[i, i])
-        for j in range(i, size):
-            matrix[i, j] *= scale
-        change[i] *= scale
-    for i in range(size - 1, -1, -1):
-        if known[i]:
-            continue
-        for j in range(i + 1, size):
-            if not known[j]:
-                change[i] -= matrix[i, j] * change[j]
-        change[i] /= matrix[i, i]
 
 
 @kernel

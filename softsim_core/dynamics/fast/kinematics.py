@@ -86,34 +86,35 @@ def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
 
 
 @kernel
+def joint_frame(j: int, motion: Motion, border: Border, origin: Array, rotation: Array) -> None:
+    """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
+    base_rotation, axis, q = border.base_rotation, border.axis, motion.joint_positions[j]
+    turn, angle = np.empty((3, 3)), q if border.revolute[j] else 0.0
+    exponential(angle * axis[j, 0], angle * axis[j, 1], angle * axis[j, 2], turn)
+    for c in range(3):
+        origin[c] = border.base_position[j, c] + carried(j, c, motion, border)
+        for d in range(3):
+            shift = motion.base_shift[0] * border.slide[j, d] + (q - angle) * axis[j, d]
+            origin[c] += base_rotation[j, c, d] * shift
+            rotation[c, d] = (
+                base_rotation[j, c, 0] * turn[0, d]
+                + base_rotation[j, c, 1] * turn[1, d]
+                + base_rotation[j, c, 2] * turn[2, d]
+            )
+
+
+@kernel
 def zone_frames(motion: Motion, border: Border, work: Work) -> None:
     """Origin and rotation of the frame that each zone follows, into work.zone_origins, zone_rotations."""
-    base_rotation, axis, revolute = border.base_rotation, border.axis, border.revolute
-    origins, rotations = work.zone_origins, work.zone_rotations
-    turn = np.empty((3, 3))
     for zone in range(len(border.zones)):
-        f, j = border.zones[zone, 0], border.zones[zone, 1]
-        if f >= 0:
-            for c in range(3):
-                origins[zone, c] = motion.frame_positions[f, c]
-                for d in range(3):
-                    rotations[zone, c, d] = motion.frame_rotations[f, c, d]
+        f, origin, rotation = border.zones[zone, 0], work.zone_origins[zone], work.zone_rotations[zone]
+        if f < 0:
+            joint_frame(border.zones[zone, 1], motion, border, origin, rotation)
             continue
-        q = motion.joint_positions[j]
-        if revolute[j]:
-            exponential(q * axis[j, 0], q * axis[j, 1], q * axis[j, 2], turn)
-        else:
-            exponential(0.0, 0.0, 0.0, turn)
         for c in range(3):
-            origins[zone, c] = border.base_position[j, c] + carried(j, c, motion, border)
+            origin[c] = motion.frame_positions[f, c]
             for d in range(3):
-                shift = motion.base_shift[0] * border.slide[j, d] + (0.0 if revolute[j] else q * axis[j, d])
-                origins[zone, c] += base_rotation[j, c, d] * shift
-                rotations[zone, c, d] = (
-                    base_rotation[j, c, 0] * turn[0, d]
-                    + base_rotation[j, c, 1] * turn[1, d]
-                    + base_rotation[j, c, 2] * turn[2, d]
-                )
+                rotation[c, d] = motion.frame_rotations[f, c, d]
 
 
 @kernel

@@ -1,7 +1,7 @@
 """The arrays that the compiled kernels share, in a few named groups.
 
-b: border unknowns, e: elements of a kind, f: free nodes, j: joints, n: nodes, s: supernodes, z: nodes in
-moving zones.
+b: border unknowns, c: cables, e: elements of a kind, f: free nodes, j: joints, n: nodes, s: supernodes,
+z: nodes in moving zones.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ class Nodes(NamedTuple):
         border: Border unknowns that move the node, shape (z, 6).
         size: How many of them count, shape (z,).
         zone_number: Number among the zone nodes of each node, or -1, shape (n,).
-        border_column: Panel column of each border unknown in each supernode, or -1, shape (s, b).
+        border_column: Panel column of each border unknown, then cable, in each supernode, or -1, (s, b + c).
+        first_unknown: First scalar unknown of each node, or -1 where it is not free, shape (n,).
+        supernode: Supernode of each node, or -1, shape (n,).
         mass: Node masses in [kg], shape (n,).
         diagonal: What inertia and soft fixings add to the matrix, in [kg], shape (n,).
     """
@@ -68,6 +70,8 @@ class Nodes(NamedTuple):
     size: IndexArray
     zone_number: IndexArray
     border_column: IndexArray
+    first_unknown: IndexArray
+    supernode: IndexArray
     mass: Array
     diagonal: Array
 
@@ -100,6 +104,49 @@ class Border(NamedTuple):
     zones: IndexArray
 
 
+class Lines(NamedTuple):
+    """Cables; what never changes of their rows is that of actuation.cable_layout.RowLayout.
+
+    Attributes:
+        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4).
+        carrier: Joint that carries each point, or fast.cables.IN_WORLD or IN_BODY, shape (p,).
+        local: Where in the carrier's frame in [m], shape (p, 3).
+        entry: First of the four entries of each point, shape (p,).
+        start, place, levers, lever_points, lever_unknowns: See RowLayout.
+        joint: The joint that pulls each cable, shape (c,).
+        rest_length: In [m], shape (c,).
+        by_force: Whether the joint's command is a tension, shape (c,).
+        coefficient: Entries of the rows, shape (k, 3).
+        points, pulls: In [m], and H on them, shape (p, 3).
+        travel, gap: Shortening since the start, and beyond the commanded one, in [m], shape (c,).
+        tension: In [N], shape (c,).
+        compliance: In [m/N], shape (c, c).
+    """
+
+    first: IndexArray
+    nodes: IndexArray
+    weights: Array
+    carrier: IndexArray
+    local: Array
+    entry: IndexArray
+    start: IndexArray
+    place: IndexArray
+    levers: IndexArray
+    lever_points: IndexArray
+    lever_unknowns: IndexArray
+    joint: IndexArray
+    rest_length: Array
+    by_force: BoolArray
+    coefficient: Array
+    points: Array
+    pulls: Array
+    travel: Array
+    gap: Array
+    tension: Array
+    compliance: Array
+
+
 class Motion(NamedTuple):
     """The state's arrays, as the kernels change them; see mechanics.state.State."""
 
@@ -114,7 +161,7 @@ class Motion(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """The plan of symbolic.Plan, and the first scalar unknown of each supernode, shape (s,)."""
+    """The plan of symbolic.Plan; first scalar unknown of each supernode, and the one above it or -1, (s,)."""
 
     columns: IndexArray
     later: IndexArray
@@ -129,6 +176,7 @@ class Tree(NamedTuple):
     first_row: IndexArray
     row_index: IndexArray
     first_column: IndexArray
+    parent: IndexArray
 
 
 class Work(NamedTuple):
@@ -136,9 +184,11 @@ class Work(NamedTuple):
 
     Attributes:
         panels, stack: Factor panels, and update matrices not yet used.
-        schur: Upper triangle of the border's matrix, then its right-hand side, shape (b, b + 1).
-        scratch: Shape (b, b).
-        solution: Change of velocity of all scalar unknowns, the border's last, shape (3 f + b,).
+        schur: Upper triangle of the border's matrix, cables last, then its right-hand side,
+            shape (b + c, b + c + 1).
+        scratch: Shape of `schur`.
+        solution: Change of velocity of all scalar unknowns, then the border's, then minus the impulses of
+            cables, shape (3 f + b + c,).
         gathered: One panel row's unknowns.
         forces: Forces on the nodes in [N], shape (n, 3).
         ahead: x + lag v in [m], shape (n, 3).

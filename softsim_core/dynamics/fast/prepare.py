@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.dynamics.fast.layout import Border, Elements, Nodes, Tree, Work
+from softsim_core.dynamics.fast.cables import IN_BODY, IN_WORLD
+from softsim_core.dynamics.fast.layout import Border, Elements, Lines, Nodes, Tree, Work
 from softsim_core.dynamics.fast.simd import LANES, ROWS
 from softsim_core.dynamics.fast.symbolic import Plan, plan
 from softsim_core.dynamics.stepper import joint_stiffness
@@ -20,10 +22,7 @@ class Prepared(NamedTuple):
     Attributes:
         free, mixed: Elements whose nodes are all free, and the others that deform.
         free_ids, mixed_ids: Their numbers in the model.
-        nodes, border, tree, work: See layout.
-        place: First scalar unknown of each node, or -1 where it is not free, shape (n,).
-        supernode: Supernode of each node, or -1, shape (n,).
-        parent: Supernode in which the update of each one arrives first, or -1, shape (s,).
+        nodes, border, lines, tree, work: See layout.
     """
 
     free: Elements
@@ -32,19 +31,21 @@ class Prepared(NamedTuple):
     mixed_ids: IndexArray
     nodes: Nodes
     border: Border
+    lines: Lines
     tree: Tree
     work: Work
-    place: IndexArray
-    supernode: IndexArray
-    parent: IndexArray
 
 
-def prepare(model: Model) -> Prepared:
+def prepare(model: Model, cables: Cables) -> Prepared:
     """Plan the elimination and lay out all arrays."""
+    lines = _lines(cables)
     local = np.full(len(model.rest), -1, dtype=np.int64)
     local[model.free_nodes] = np.arange(len(model.free_nodes))
     chosen = _deforming_elements(model)
-    layout = plan(len(model.free_nodes), *_couplings(model, chosen, local), model.border_size, LANES, ROWS)
+    edges, beside = _couplings(model, chosen, local)
+    beside = np.concatenate([beside, _pulled(model, lines, local)])
+    border_size = model.border_size + len(lines.joint)
+    layout = plan(len(model.free_nodes), edges, beside, border_size, LANES, ROWS)
     all_free = (model.zone_of_node[model.elements.nodes[chosen]] == FREE).all(axis=1)
     free_ids, free = _elements(model, chosen[all_free], local, layout)
     mixed_ids, mixed = _elements(model, chosen[~all_free], local, layout)
@@ -53,11 +54,11 @@ def prepare(model: Model) -> Prepared:
         mixed,
         free_ids,
         mixed_ids,
-        _nodes(model, layout),
+        _nodes(model, layout, border_size),
         _border(model),
+        lines,
         _tree(layout),
-        _work(model, layout),
-        *_reach(model, layout),
+        _work(model, layout, border_size),
     )
 
 
@@ -88,7 +89,47 @@ def _couplings(model: Model, chosen: IndexArray, local: IndexArray) -> tuple[Ind
     return unique, np.array(sorted(border), dtype=np.int64).reshape(-1, 2)
 
 
-def _nodes(model: Model, layout: Plan) -> Nodes:
+def _pulled(model: Model, lines: Lines, local: IndexArray) -> IndexArray:
+    """Pairs (free node, border unknown of the cable that pulls it)."""
+    cable = np.repeat(np.arange(len(lines.joint)), np.diff(lines.first))
+    pairs = np.stack([lines.nodes, np.broadcast_to(cable[:, None], lines.nodes.shape)], axis=-1)
+    pairs = pairs[lines.carrier == IN_BODY].reshape(-1, 2)
+    free = local[pairs[:, 0]] >= 0
+    return np.unique(np.stack([local[pairs[free, 0]], model.border_size + pairs[free, 1]], axis=1), axis=0)
+
+
+def _lines(cables: Cables) -> Lines:
+    """The cables of a scene for the kernels."""
+    layout, count, points = cables.layout, len(cables), len(cables.nodes)
+    carrier, local = np.full(points, IN_BODY), np.zeros((points, 3))
+    for point, joint, place in cables.pull:
+        carrier[point], local[point] = (joint if joint >= 0 else IN_WORLD), place
+    return Lines(
+        first=cables.first,
+        nodes=cables.nodes,
+        weights=cables.weights,
+        carrier=carrier,
+        local=local,
+        entry=layout.of_points[::4].copy(),
+        start=layout.start,
+        place=layout.place,
+        levers=layout.levers.copy(),
+        lever_points=layout.lever_points.copy(),
+        lever_unknowns=layout.lever_unknowns.copy(),
+        joint=cables.joint,
+        rest_length=cables.rest_length,
+        by_force=cables.by_force,
+        coefficient=layout.coefficient.copy(),
+        points=np.zeros((points, 3)),
+        pulls=np.zeros((points, 3)),
+        travel=np.zeros(count),
+        gap=np.zeros(count),
+        tension=np.zeros(count),
+        compliance=np.zeros((count, count)),
+    )
+
+
+def _nodes(model: Model, layout: Plan, border_size: int) -> Nodes:
     free = model.free_nodes
     zone_nodes = np.concatenate([np.zeros(0, np.int64)] + [zone.nodes for zone in model.zones])
     border = np.zeros((len(zone_nodes), 6), dtype=np.int64)
@@ -100,6 +141,8 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
     number = np.full(len(model.rest), -1, dtype=np.int64)
     number[zone_nodes] = np.arange(len(zone_nodes))
     first = np.concatenate([[0], np.cumsum(layout.columns)])[layout.supernode]
+    first_unknown, supernode = np.full((2, len(model.rest)), -1, dtype=np.int64)
+    first_unknown[free], supernode[free] = 3 * layout.position, layout.supernode
     return Nodes(
         free=free,
         row=layout.row_offset,
@@ -113,21 +156,12 @@ def _nodes(model: Model, layout: Plan) -> Nodes:
         border=border,
         size=size,
         zone_number=number,
-        border_column=_border_columns(model, layout),
+        border_column=_border_columns(layout, border_size),
+        first_unknown=first_unknown,
+        supernode=supernode,
         mass=model.mass.copy(),
         diagonal=np.zeros(len(model.rest)),
     )
-
-
-def _reach(model: Model, layout: Plan) -> tuple[IndexArray, IndexArray, IndexArray]:
-    """First unknown and supernode of each node, and parent of each supernode; see Prepared."""
-    place, supernode = np.full((2, len(model.rest)), -1, dtype=np.int64)
-    place[model.free_nodes] = 3 * layout.position
-    supernode[model.free_nodes] = layout.supernode
-    parent = np.full(len(layout.columns), -1, dtype=np.int64)
-    for s in range(len(parent)):
-        parent[layout.children[layout.first_child[s] : layout.first_child[s + 1]]] = s
-    return place, supernode, parent
 
 
 def _border(model: Model) -> Border:
@@ -151,20 +185,23 @@ def _border(model: Model) -> Border:
 
 
 def _tree(layout: Plan) -> Tree:
-    arrays = {name: getattr(layout, name) for name in Tree._fields if name != "first_column"}
+    arrays = {name: getattr(layout, name) for name in Tree._fields[:-2]}
     first_column = np.concatenate([np.zeros(1, np.int64), np.cumsum(layout.columns)])[: len(layout.columns)]
-    return Tree(**arrays, first_column=first_column)
+    parent = np.full(len(layout.columns), -1, dtype=np.int64)
+    for s in range(len(parent)):
+        parent[layout.children[layout.first_child[s] : layout.first_child[s + 1]]] = s
+    return Tree(**arrays, first_column=first_column, parent=parent)
 
 
-def _work(model: Model, layout: Plan) -> Work:
+def _work(model: Model, layout: Plan, border_size: int) -> Work:
     size, nodes = model.border_size, len(model.rest)
     in_zones = sum(len(zone.nodes) for zone in model.zones)
     return Work(
         panels=np.zeros(layout.panel[-1]),
         stack=np.zeros(layout.stack_size),
-        schur=np.zeros((size, size + 1)),
-        scratch=np.zeros((size, size)),
-        solution=np.zeros(3 * len(layout.position) + size),
+        schur=np.zeros((border_size, border_size + 1)),
+        scratch=np.zeros((border_size, border_size + 1)),
+        solution=np.zeros(3 * len(layout.position) + border_size),
         gathered=np.zeros(int(layout.width.max(initial=1))),
         forces=np.zeros((nodes, 3)),
         jacobian=np.zeros((in_zones, 6, 3)),
@@ -183,11 +220,11 @@ def _work(model: Model, layout: Plan) -> Work:
     )
 
 
-def _border_columns(model: Model, layout: Plan) -> IndexArray:
-    """Panel column of each border unknown in each supernode, -1 where absent, shape (s, b)."""
+def _border_columns(layout: Plan, border_size: int) -> IndexArray:
+    """Panel column of each border unknown in each supernode, -1 where absent, shape (s, b + c)."""
     first = 3 * len(layout.position)
-    table = [[places.get(first + b, -1) for b in range(model.border_size)] for places in layout.column_of]
-    return np.array(table, dtype=np.int64).reshape(len(layout.column_of), model.border_size)
+    table = [[places.get(first + b, -1) for b in range(border_size)] for places in layout.column_of]
+    return np.array(table, dtype=np.int64).reshape(len(layout.column_of), border_size)
 
 
 def _elements(

@@ -8,8 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from softsim_core.actuation.cable import Cables
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.assembly import Unknowns
+from softsim_core.dynamics.cable_statics import border_stiffness
+from softsim_core.dynamics.fast.border import eliminate_border, solve_border
+from softsim_core.dynamics.fast.cables import add_lines, hold_lines, report_lines
 from softsim_core.dynamics.fast.compile import kernel
 from softsim_core.dynamics.fast.compliance import apply_impulses, respond
 from softsim_core.dynamics.fast.elements import (
@@ -18,15 +22,15 @@ from softsim_core.dynamics.fast.elements import (
     assemble_nodes,
     von_mises_stress,
 )
-from softsim_core.dynamics.fast.factorisation import factor, solve_backward, solve_border
+from softsim_core.dynamics.fast.factorisation import factor, solve_backward
 from softsim_core.dynamics.fast.kinematics import advance_border, jacobians, place_zones, screws
-from softsim_core.dynamics.fast.layout import Border, Elements, Motion, Nodes, Tree, Work
+from softsim_core.dynamics.fast.layout import Border, Elements, Lines, Motion, Nodes, Tree, Work
 from softsim_core.dynamics.fast.prepare import prepare, set_moduli
 from softsim_core.dynamics.fast.simd import LANES, ROWS, steady_seconds
 from softsim_core.dynamics.fast.tangent import assemble_tangent
 from softsim_core.dynamics.rows import Rows
 from softsim_core.dynamics.scipy_step import ScipyStepper
-from softsim_core.dynamics.stepper import Inputs, Parameters, no_rows
+from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
@@ -34,7 +38,7 @@ from softsim_core.mechanics.state import State
 @kernel
 def assemble(
     motion: Motion, external: Array, h: float, lag: float, rayleigh_mass: float, polar: bool, border: Border,
-    free: Elements, mixed: Elements, nodes: Nodes, work: Work,
+    free: Elements, mixed: Elements, nodes: Nodes, lines: Lines, tree: Tree, work: Work,
 ) -> None:  # fmt: skip
     """Forces, matrix and right-hand side of the step, into `work`."""
     x, v = motion.positions, motion.velocities
@@ -49,17 +53,17 @@ def assemble(
     assemble_free(x, h * lag, polar, free, work)
     assemble_mixed(x, h * lag, polar, mixed, nodes, work)
     assemble_nodes(v, h, rayleigh_mass, nodes, work)
+    add_lines(h, motion, border, lines, nodes, tree, work)
 
 
 @kernel
 def finish(
-    motion: Motion, targets: Array, base_shift: float, h: float, lag: float, border: Border, tree: Tree,
-        nodes: Nodes,
-    work: Work,
+    motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
+    border: Border, tree: Tree, nodes: Nodes, lines: Lines, work: Work,
 ) -> float:  # fmt: skip
     """Solve border and interior, advance, report joint efforts; returns the largest speed, or NaN."""
     joints, velocities = len(motion.joint_positions), motion.border_velocities
-    size = len(velocities)
+    size, right = len(velocities), len(work.schur)
     first = size - joints
     known = np.zeros(size, dtype=np.bool_)
     change = work.solution[3 * len(nodes.free) :]
@@ -67,11 +71,13 @@ def finish(
         b, stiffness = first + j, border.stiffness[j]
         gap = targets[j] - motion.joint_positions[j]
         work.schur[b, b] += border.inertia[j] + h * lag * stiffness
-        work.schur[b, size] += h * stiffness * (gap - lag * velocities[b])
+        work.schur[b, right] += h * stiffness * (gap - lag * velocities[b])
         if stiffness == 0.0:
             known[b] = True
             change[b] = gap / h - velocities[b]
-    solve_border(work.schur, known, change, work.scratch)
+    eliminate_border(work.schur, known, change, work.scratch)
+    hold_lines(h, lower, upper, change, size, lines, work.scratch)
+    solve_border(known, change, work.scratch)
     solve_backward(tree, work)
     speed, finite = 0.0, True
     for f in range(len(nodes.free)):
@@ -84,8 +90,8 @@ def finish(
     for j in range(joints):
         b = first + j
         if known[b]:
-            impulse = -work.schur[b, size]
-            for a in range(size):
+            impulse = -work.schur[b, right]
+            for a in range(right):
                 impulse += (work.schur[a, b] if a < b else work.schur[b, a]) * change[a]
             motion.joint_efforts[j] = impulse / h
     for b in range(size):
@@ -100,22 +106,23 @@ def finish(
         else:
             motion.joint_efforts[j] = border.stiffness[j] * (targets[j] - motion.joint_positions[j])
     place_zones(motion, border, nodes, work)
+    report_lines(motion, border, lines)
     return speed if finite else np.nan
 
 
 @kernel
 def advance(
-    motion: Motion, external: Array, targets: Array, base_shift: float, h: float, lag: float,
-    rayleigh_mass: float, polar: bool, border: Border, free: Elements, mixed: Elements, nodes: Nodes,
-    tree: Tree, work: Work,
+    motion: Motion, external: Array, targets: Array, base_shift: float, lower: Array, upper: Array, h: float,
+    lag: float, rayleigh_mass: float, polar: bool, border: Border, free: Elements, mixed: Elements,
+    nodes: Nodes, lines: Lines, tree: Tree, work: Work,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """One whole step; returns the largest speed, and the seconds for assembly, factorisation and the rest."""
     started = steady_seconds()
-    assemble(motion, external, h, lag, rayleigh_mass, polar, border, free, mixed, nodes, work)
+    assemble(motion, external, h, lag, rayleigh_mass, polar, border, free, mixed, nodes, lines, tree, work)
     assembled = steady_seconds()
     factor(tree, work)
     factored = steady_seconds()
-    speed = finish(motion, targets, base_shift, h, lag, border, tree, nodes, work)
+    speed = finish(motion, targets, base_shift, lower, upper, h, lag, border, tree, nodes, lines, work)
     return speed, assembled - started, factored - assembled, steady_seconds() - factored
 
 
@@ -124,23 +131,24 @@ class NumbaStepper:
 
     name = "numba"
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, cables: Cables) -> None:
+        self.model, self.cables = model, cables
         self.stage_times: dict[str, float] = {}
-        self._prepared = prepare(model)
+        self._prepared = prepare(model, cables)
+        self.cable_gaps = self._prepared.lines.gap
         self._polar = model.law == "polar"
         self._soft = bool(model.spring.any())
         self._weight = model.mass[:, None] * model.gravity
         self._tuned: tuple[bytes, float, float] | None = None
-        self._upper = np.triu(np.ones((model.border_size, model.border_size), dtype=bool))
+        self._upper = np.triu(np.ones((model.border_size + len(cables),) * 2, dtype=bool))
         at = Unknowns(model)
+        self._first_border = at.first_border
         self._prescribed, self._solved_border = (
             at.prescribed,
             np.setdiff1d(np.arange(model.border_size), at.fixed - at.first_border),
         )
         self._spans = np.zeros((len(self._prepared.tree.columns), 2), dtype=np.int64)
-        self._spread, self._border_answer = np.zeros((0, 0)), np.zeros((0, 0))
-        self._schur = np.zeros((0, 0))
+        self._spread = self._arriving = self._border_answer = np.zeros((0, 0))
         self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
         self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # border unknowns come last
         self._body_of_node[model.elements.nodes] = model.element_body[:, None]
@@ -154,9 +162,10 @@ class NumbaStepper:
         external = inputs.forces + self._weight
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+        targets, bounds = self.cables.travels(inputs.targets, state), self.cables.bounds(inputs.targets)
         speed, *seconds = advance(
-            motion, external, inputs.targets, inputs.base_shift, model.dt, lag, parameters.rayleigh_mass,
-            self._polar, data.border, data.free, data.mixed, data.nodes, data.tree, data.work,
+            motion, external, targets, inputs.base_shift, *bounds, model.dt, lag, parameters.rayleigh_mass,
+            self._polar, data.border, data.free, data.mixed, data.nodes, data.lines, data.tree, data.work,
         )  # fmt: skip
         stages = ("assemble", "factor", "solve")
         self.stage_times = {stage: 1e3 * each for stage, each in zip(stages, seconds, strict=True)}
@@ -164,36 +173,41 @@ class NumbaStepper:
 
     def compliance(self, rows: Rows, before: State) -> Array:
         """See Stepper."""
-        data, border_size = self._prepared, self.model.border_size
-        result = self._respond(rows, _motion(before))
-        if border_size:
-            solved, arriving = self._solved_border, self._arriving()
-            schur = np.triu(data.work.schur[:, :border_size])
-            self._schur = schur + np.triu(schur, 1).T
-            self._border_answer = np.zeros_like(arriving)
-            if len(solved):
-                block = self._schur[np.ix_(solved, solved)]
-                self._border_answer[solved] = np.linalg.solve(block, arriving[solved])
-            result += arriving.T @ self._border_answer
-        return np.asarray(result)
+        border, cables = self.model.border_size, len(self.cables)
+        compliance = np.empty((cables + rows.height,) * 2)
+        compliance[cables:, cables:] = self._respond(rows, _motion(before))
+        schur, arriving = self._condensed(), self._spread[self._first_border :, self._column]
+        compliance[:cables, :cables] = -schur[border:, border:]
+        compliance[:cables, cables:] = -arriving[border:]
+        compliance[cables:, :cables] = -arriving[border:].T
+        self._arriving = np.concatenate([schur[:border, border:], arriving[:border]], axis=1)
+        self._border_answer = np.zeros_like(self._arriving)
+        if len(solved := self._solved_border):
+            block = schur[np.ix_(solved, solved)]
+            self._border_answer[solved] = np.linalg.solve(block, self._arriving[solved])
+            compliance += self._arriving.T @ self._border_answer
+        return compliance
 
     def correct(self, state: State, before: State, impulses: Array) -> float:
         """See Stepper."""
-        model, data, size = self.model, self._prepared, self.model.border_size
-        change = self._border_answer @ impulses if size else np.zeros(0)
+        model, data, cables = self.model, self._prepared, len(self.cables)
+        change = self._border_answer @ impulses
         free = state.joint_positions.copy()
         placed = np.zeros(self._spread.shape[1])
-        placed[self._column] = impulses
+        placed[self._column] = impulses[cables:]
         speed = apply_impulses(
-            _motion(state), _motion(before), placed, change, model.dt, data.border, data.nodes, data.tree,
-            data.work, self._spread, self._spans,
+            _motion(state), _motion(before), placed, np.concatenate([change, -impulses[:cables]]), model.dt,
+            data.border, data.nodes, data.tree, data.work, self._spread, self._spans,
         )  # fmt: skip
         if len(free):
-            first, held = size - len(free), self._prescribed
-            arriving = self._arriving() @ impulses
-            reaction = (self._schur @ change - arriving)[first:] / model.dt
+            first, held = model.border_size - len(free), self._prescribed
+            schur = self._condensed()[first : model.border_size, : model.border_size]
+            reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
             state.joint_efforts[held] += reaction[held]
             state.joint_efforts -= data.border.stiffness * (state.joint_positions - free)
+        if cables:
+            tensions = data.lines.tension + impulses[:cables] / model.dt
+            self.cables.report(model, state, tensions)
         return speed
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
@@ -208,7 +222,7 @@ class NumbaStepper:
 
     def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
         """See Stepper."""
-        return self.border_response(state, parameters, forces, no_rows())[0]
+        return border_stiffness(self, state, parameters, forces)
 
     def border_response(
         self, state: State, parameters: Parameters, forces: Array, rows: Rows
@@ -225,15 +239,15 @@ class NumbaStepper:
                 motion, loads, model.spring, data.border, data.free, data.mixed, data.nodes, data.work
             )
             factor(data.tree, data.work)
-            schur = data.work.schur[:, :-1]
-            stiffness = np.where(self._upper, schur, schur.T)
+            border = model.border_size
+            stiffness = self._condensed()[:border, :border]
             if np.isfinite(stiffness).all():
                 if not rows.height:
-                    return stiffness, np.zeros((len(stiffness), 0)), np.zeros((0, 0))
-                compliance = self._respond(rows, motion)
-                return stiffness, self._arriving(), compliance
+                    return stiffness, np.zeros((border, 0)), np.zeros((0, 0))
+                compliance, first = self._respond(rows, motion), self._first_border
+                return stiffness, self._spread[first : first + border, self._column], compliance
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
-        return ScipyStepper(model).border_response(state, parameters, forces, rows)
+        return ScipyStepper(model, self.cables).border_response(state, parameters, forces, rows)
 
     def _respond(self, rows: Rows, motion: Motion) -> Array:
         """H A^-1 H^T with the border held, (r, r); leaves Y and what reaches the border in self._spread."""
@@ -247,8 +261,8 @@ class NumbaStepper:
         )
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         respond(
-            *rows, self._column, motion, data.border, data.nodes, data.place, data.supernode, data.parent,
-            data.tree, data.work, self._spread, self._spans, space, product, result,
+            *rows, self._column, motion, data.border, data.nodes, data.tree, data.work, self._spread,
+            self._spans, space, product, result,
         )  # fmt: skip
         return result
 
@@ -273,9 +287,10 @@ class NumbaStepper:
             for end, size, shape in zip(ends, sizes, shapes, strict=True)
         ]
 
-    def _arriving(self) -> Array:
-        """What a unit of each row's force brings to the border, shape (b, rows)."""
-        return np.asarray(self._spread[len(self._spread) - self.model.border_size :, self._column])
+    def _condensed(self) -> Array:
+        """The border's matrix that elimination of the free nodes left, whole, shape (b + c, b + c)."""
+        schur = self._prepared.work.schur[:, :-1]
+        return np.where(self._upper, schur, schur.T)
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
         """Take over tunable parameters when they have changed."""

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from softsim_core.arrays import IndexArray
 
-RELAXATION = ((24, 0.6), (48, 0.3), (72, 0.2), (1 << 30, 0.08))
+RELAXATION = ((24, 0.6), (48, 0.4), (96, 0.25), (1 << 30, 0.08))
 """Merge supernodes while the merged one has at most so many columns, and this share of zeros."""
 
 

@@ -140,7 +140,7 @@ def assemble_tangent(
             work.panels[nodes.row[f] + i * nodes.stride[f] + nodes.column[f] + i] += spring[nodes.free[f]]
     for z in range(len(nodes.zone)):
         add_zone_node(x, z, spring, nodes, work)
-    first = work.schur.shape[0] - len(border.stiffness)
+    first = len(motion.border_velocities) - len(border.stiffness)
     for j in range(len(border.stiffness)):
         work.schur[first + j, first + j] += border.stiffness[j]
 

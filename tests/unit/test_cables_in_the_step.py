@@ -1,0 +1,111 @@
+"""Cables are part of the step: both implementations agree, with slack, force, sliding bases, and contacts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softsim_core import Simulation
+from softsim_core.dynamics.bounded import solve_bounded
+from softsim_core.mesh import box_mesh
+from softsim_core.scene.description import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+)
+from softsim_core.scene.objects import CableDescription, CollisionDescription, RigidBodyDescription, Shape
+from softsim_core.scene.values import Box, Placement
+
+pytest.importorskip("numba")
+
+
+def pulled_beam(touching: bool = False) -> SceneDescription:
+    """A beam on a slide with a free frame at its tip and four cables: along, to the frame, by force, slack."""
+    beam = BodyDescription(
+        name="beam",
+        mesh=box_mesh((0.06, 0.01, 0.01), (9, 2, 2)),
+        material=MaterialDescription(young_modulus=2e5, poisson_ratio=0.3),
+        total_mass=0.006,
+    )
+
+    def cable(name: str, y: float, z: float, last: float, **values: Any) -> JointDescription:
+        points = tuple((x, y, z) for x in np.linspace(0.008, last, 5).tolist())
+        return JointDescription(name=name, kind="cable", cable=CableDescription(body="beam", points=points, **values))
+
+    def end(name: str, to: str, x: float) -> AttachmentDescription:
+        box = Box(center=(x, 0.005, 0.005), size=(0.002, 0.1, 0.1))
+        return AttachmentDescription(name=name, body="beam", to=to, box=box)
+
+    ball = RigidBodyDescription(
+        name="ball", shape=Shape(sphere=0.005), mass=0.002, pose=Placement(translation=(0.03, 0.005, 0.0155))
+    )
+    return SceneDescription(
+        name="pulled_beam",
+        bodies=(beam,),
+        joints=(
+            JointDescription(name="slide", kind="prismatic", axis=(0.0, 0.0, 1.0), stiffness=300.0, inertia=1e-3),
+            cable("along", 0.009, 0.005, 0.05, pull_point=(-0.01, 0.009, 0.005), pull_on="slide"),
+            cable("to_frame", 0.005, 0.009, 0.0599),
+            cable("by_force", 0.001, 0.005, 0.04, control="force", pull_point=(-0.02, 0.0, 0.0)),
+            cable("slack", 0.005, 0.001, 0.05),
+        ),
+        attachments=(end("base", "slide", 0.0), end("tip", "free", 0.06)),
+        rigid_bodies=(ball,) if touching else (),
+        collisions=tuple(CollisionDescription(name=name, body=name) for name in ("beam", "ball") * touching),
+        effector="tip",
+    )
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_both_implementations_agree(touching: bool) -> None:
+    fast, readable = (Simulation(pulled_beam(touching), backend=each) for each in ("numba", "scipy"))
+    for step, along in enumerate(np.linspace(0.0, 0.004, 25).tolist() + [0.001] * 15):
+        command = [0.002 * np.sin(0.3 * step), along, 0.5 * along + 0.002, 0.3, -0.002]
+        for simulation in (fast, readable):
+            simulation.command(command)
+            simulation.step()
+        assert np.abs(fast.positions - readable.positions).max() < 1e-10
+        assert np.abs(fast.joint_efforts - readable.joint_efforts).max() < 1e-7
+        assert np.abs(fast.joint_positions - readable.joint_positions).max() < 1e-10
+        gaps = [simulation._stepper.cable_gaps for simulation in (fast, readable)]
+        assert np.abs(gaps[0] - gaps[1]).max() < 1e-10
+    tensions = dict(zip(fast.joint_names, fast.joint_efforts.tolist(), strict=True))
+    assert tensions["by_force"] == 0.3
+    assert tensions["slack"] == 0.0
+    assert tensions["to_frame"] > 0.0
+    if touching:
+        assert len(fast.contacts.points) > 0
+
+
+def test_taut_cables_keep_their_travel_and_only_pull() -> None:
+    simulation = Simulation(pulled_beam(), backend="numba")
+    simulation.command([0.0, 0.003, 0.002, 0.0, -0.01])
+    for _ in range(300):
+        simulation.step()
+    cables = {cable.name: cable for cable in simulation.cables}
+    start = {cable.name: cable.length for cable in Simulation(pulled_beam(), backend="scipy").cables}
+    assert start["along"] - cables["along"].length == pytest.approx(0.003, abs=1e-9)
+    assert start["to_frame"] - cables["to_frame"].length == pytest.approx(0.002, abs=1e-9)
+    assert cables["along"].tension > 0.0 and cables["slack"].tension == 0.0
+    assert start["slack"] - cables["slack"].length > -0.01
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_compiled_bounds_are_those_of_the_readable_solver(seed: int) -> None:
+    from softsim_core.dynamics.fast.border import bounded_forces
+
+    random = np.random.default_rng(seed)
+    count = int(random.integers(1, 7))
+    root = random.normal(size=(count, count))
+    matrix, gap = root @ root.T + 0.1 * np.eye(count), random.normal(size=count)
+    lower = np.where(random.random(count) < 0.3, -np.inf, -random.random(count))
+    upper = np.where(random.random(count) < 0.3, np.inf, random.random(count))
+    fixed = random.random(count) < 0.2
+    lower[fixed] = upper[fixed] = 0.25
+    forces = np.empty(count)
+    bounded_forces(matrix, gap, lower, upper, forces)
+    assert np.abs(forces - solve_bounded(matrix, gap, lower, upper)).max() < 1e-10
