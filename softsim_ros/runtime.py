@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, TypeVar
 
 import rclpy
 import rclpy.utilities
@@ -37,6 +37,9 @@ class ClosableNode(Node):
     def close(self) -> None:
         """End threads and ports, then destroy the node; a second call does nothing."""
         self.destroy_node()
+
+
+NodeType = TypeVar("NodeType", bound=ClosableNode)
 
 
 def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
@@ -87,14 +90,64 @@ class SpinThread:
         self.executor.shutdown(timeout_sec=0)
 
 
-def run_node(build: Callable[[], ClosableNode], args: Sequence[str] | None = None) -> int:
-    """Run one node as a process: start rclpy, build, spin, end. Returns the exit code.
+@contextmanager
+def ros_process() -> Iterator[None]:
+    """Run rclpy for the `with` block; Ctrl-C and SIGTERM end the block without an error."""
+    rclpy.init(args=[])
+    try:
+        yield
+    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
+        pass
+    except SoftSimError:
+        raise
+    except Exception:
+        if rclpy.utilities.ok():  # else a signal shut the context down in the middle of a call
+            raise
+    finally:
+        rclpy.utilities.try_shutdown()
+
+
+@contextmanager
+def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
+    """A node for the `with` block, to read parameters of this process that its real node is made from.
+
+    Args:
+        name: Name of the real node.
+        **node_options: Passed on to rclpy's Node.
+    """
+    node = Node(
+        name,
+        start_parameter_services=False,
+        enable_rosout=False,
+        enable_logger_service=False,
+        **node_options,
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+
+
+def serve_callbacks(node: Node) -> None:
+    """Serve a node's callbacks until its context shuts down."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    spin(executor)
+
+
+def run_node(
+    build: Callable[[], NodeType],
+    args: Sequence[str] | None = None,
+    serve: Callable[[NodeType], None] = serve_callbacks,
+) -> int:
+    """Run one node as a process: start rclpy, build, serve, end. Returns the exit code.
 
     Ctrl-C and SIGTERM end with 0. An error of the suite (`SoftSimError`) is one sentence on stderr and 1.
 
     Args:
         build: Makes the node once rclpy runs.
         args: Command line without the program name; None takes the process's own.
+        serve: What the node does until its context shuts down.
     """
     put_off_in_callbacks()
     try:
@@ -102,21 +155,19 @@ def run_node(build: Callable[[], ClosableNode], args: Sequence[str] | None = Non
         rclpy.init(args=None if args is None else ["node", *args])
     except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
         return complain(str(error).splitlines()[0].split(", at /")[0])
-    node: ClosableNode | None = None
+    node: NodeType | None = None
     code = 0
     try:
         node = build()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        spin(executor)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        serve(node)
+    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
         pass
     except SoftSimError as error:
         code = complain(str(error))
     except Exception:
-        if rclpy.utilities.ok() or node is not None:
+        if rclpy.utilities.ok():
             raise
-        # a signal shut the context down while the node was being built: an ordinary end
+        # a signal shut the context down in the middle of a call: an ordinary end
     finally:
         with suppress(KeyboardInterrupt):
             if node is not None:

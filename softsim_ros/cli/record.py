@@ -45,9 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
-    from softsim_ros.recording.process import ros_process
     from softsim_ros.recording.recorder_node import Recorder
-    from softsim_ros.runtime import spin
+    from softsim_ros.runtime import ros_process, spin
 
     values = {
         "robot": arguments.robot,

@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.executors import SingleThreadedExecutor
 
     from softsim_ros.recording.bag import Bag
-    from softsim_ros.recording.process import ros_process
     from softsim_ros.recording.replay_node import Replay
+    from softsim_ros.runtime import ros_process
 
     with Bag(arguments.bag) as bag, ros_process():
         replay = Replay(

@@ -6,11 +6,8 @@ import contextlib
 import signal
 import sys
 
-import rclpy
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.utilities import ok, try_shutdown
 
 from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
@@ -19,12 +16,10 @@ from softsim_ros.cli.boards import BoardChoice, BoardKind, local_board, quiet_s
 from softsim_ros.cli.status_line import show_status
 from softsim_ros.cli.web_page import WebPage
 from softsim_ros.inverse.inverse_node import InverseControl
-from softsim_ros.runtime import SpinThread
+from softsim_ros.runtime import SpinThread, ros_process
 from softsim_ros.simulator.simulator_node import Simulator
-from softsim_ros.teleop.held_output import HeldOutput
-from softsim_ros.teleop.loop import ready_callbacks, run_teleop
-from softsim_ros.teleop.teleop_node import Teleop
-from softsim_ros.teleop.terminal import NoTerminalError, RawTerminal
+from softsim_ros.teleop.teleop_node import Teleop, drive
+from softsim_ros.teleop.terminal import NoTerminalError
 
 
 class Station:
@@ -122,24 +117,15 @@ def run_station(
         SoftSimError: a node could not be made.
     """
     print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
-    rclpy.init(args=[])
-    try:
-        with Station(scene, namespace, board, inverse=inverse, watch=watch) as station:
-            try:
-                notice = "" if page is None else page.notice()
-                if notice:
-                    print(notice, flush=True)
-                if not (interactive and _drive(scene, namespace, notice)):
-                    show_status(station.simulator, station.bridge, station.board)
-            finally:
-                _ignore_signals()
-    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
-        pass
-    except Exception:
-        if ok():  # else a signal shut the context down in the middle of a call: an ordinary end
-            raise
-    finally:
-        try_shutdown()
+    with ros_process(), Station(scene, namespace, board, inverse=inverse, watch=watch) as station:
+        try:
+            notice = "" if page is None else page.notice()
+            if notice:
+                print(notice, flush=True)
+            if not (interactive and _drive(scene, namespace, notice)):
+                show_status(station.simulator, station.bridge, station.board)
+        finally:
+            _ignore_signals()
     print(f"{scene.name}: ended", flush=True)
     return 0
 
@@ -149,16 +135,12 @@ def _drive(scene: SceneDescription, namespace: str, notice: str) -> bool:
     teleop = Teleop(scene, namespace=namespace)
     if notice:
         teleop.say(notice)
-    executor = SingleThreadedExecutor()
-    executor.add_node(teleop)
     try:
-        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
-            run_teleop(teleop, terminal, lambda: ready_callbacks(executor))
+        drive(teleop)
     except NoTerminalError as error:
         print(f"softsim up: no teleop: {error}", file=sys.stderr)
         return False
     finally:
-        executor.shutdown(timeout_sec=0)
         teleop.close()
     return True
 

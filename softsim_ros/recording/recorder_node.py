@@ -27,7 +27,14 @@ from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
 from softsim_ros.recording.qos import bag_qos
 from softsim_ros.recording.selection import SHARED, Selection
-from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
+from softsim_ros.runtime import (
+    ClosableNode,
+    declare_number,
+    declare_switch,
+    declare_text,
+    parameter_probe,
+    run_node,
+)
 
 NODE_NAME = "recorder"
 LOOK_PERIOD_S = 0.25
@@ -270,18 +277,8 @@ def _declare_robot(node: Node) -> str:
 
 def _requested_robot(context: Context | None, overrides: list[Parameter]) -> str:
     """The parameter `robot`, needed before the node: it names the namespace."""
-    node = Node(
-        NODE_NAME,
-        context=context,
-        parameter_overrides=overrides,
-        start_parameter_services=False,
-        enable_rosout=False,
-        enable_logger_service=False,
-    )
-    try:
-        return _declare_robot(node)
-    finally:
-        node.destroy_node()
+    with parameter_probe(NODE_NAME, context=context, parameter_overrides=overrides) as probe:
+        return _declare_robot(probe)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -8,24 +8,19 @@ import sys
 import time
 from array import array
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import Log
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rclpy.utilities import ok, try_shutdown
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.errors import SoftSimError
 from softsim_core.scene import SceneDescription, load_scene
 from softsim_core.scene.description import Action
-from softsim_ros.environment import prepare_environment
-from softsim_ros.runtime import ClosableNode, complain, declare_number, declare_text
+from softsim_ros.runtime import ClosableNode, declare_number, declare_text, parameter_probe, run_node
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
     REPEAT_INTERVAL_S,
@@ -290,59 +285,42 @@ class Teleop(ClosableNode):
         self.state = replace(self.state, pulses_us=tuple(message.data), pulses_at=time.monotonic())
 
     def _on_log(self, message: Log) -> None:
-        """Show warnings and errors of the robot's other nodes."""
-        space, _, name = message.name.rpartition(".")
-        if message.level < Log.WARN:
+        """Show warnings and errors of the robot's other nodes, and whatever the scene's own code prints."""
+        source, _, child = message.name.rpartition(".")
+        by_scene = child == "scene"
+        space, _, name = (source if by_scene else message.name).rpartition(".")
+        if message.level < Log.WARN and not by_scene:
             return
         if "/" + space.replace(".", "/") == self.get_namespace().rstrip("/") and name != self.get_name():
-            self.say(f"{name}: {' '.join(message.msg.split())}")
+            self.say(f"{child}: {' '.join(message.msg.split())}")
 
 
 def requested_robot() -> str:
     """The parameter `robot` given to this process, read before the node takes its namespace from it."""
-    probe = rclpy.create_node(
-        "teleop", namespace=DEFAULT_ROBOT, enable_rosout=False, start_parameter_services=False
-    )
-    try:
+    with parameter_probe("teleop", namespace=DEFAULT_ROBOT) as probe:
         return declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
+
+
+def drive(node: Teleop) -> None:
+    """Keys and display in this terminal until a person or a signal ends it.
+
+    SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order.
+
+    Raises:
+        NoTerminalError: this terminal cannot be used.
+    """
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+            run_teleop(node, terminal, lambda: ready_callbacks(executor))
     finally:
-        probe.destroy_node()
+        executor.shutdown(timeout_sec=0)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the teleop in this terminal. Returns 0 after quitting or a signal, 1 after an error.
-
-    Args:
-        args: Command line without the program name; None takes the process's own.
-    """
-    try:
-        prepare_environment()
-        rclpy.init(args=None if args is None else ["teleop", *args])
-    except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
-        return complain(str(error).splitlines()[0])
-    node: Teleop | None = None
-    code = 0
-    try:
-        node = Teleop(load_scene(requested_robot()))
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        # SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order
-        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
-            run_teleop(node, terminal, lambda: ready_callbacks(executor))
-    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
-        pass
-    except SoftSimError as error:
-        code = complain(str(error))
-    except Exception:
-        if ok():
-            raise
-        # a signal shut the context down in the middle of a call: an ordinary end
-    finally:
-        with suppress(KeyboardInterrupt):
-            if node is not None:
-                node.close()
-            try_shutdown()
-    return code
+    """Run the teleop in this terminal; returns the exit code."""
+    return run_node(lambda: Teleop(load_scene(requested_robot())), args, drive)
 
 
 if __name__ == "__main__":

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import rclpy
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
-from softsim_ros.runtime import ParameterError, declare_switch, declare_text
+from softsim_ros.runtime import ParameterError, declare_switch, declare_text, parameter_probe
 
 DEFAULT_ROBOT: Final = "tripod"
 DEFAULT_PORT: Final = 8080
@@ -66,11 +65,6 @@ def _declare_count(node: Node, name: str, default: int, description: str, lower:
 
 def requested_settings() -> tuple[str, ViewerSettings]:
     """The robot and the settings given to this process."""
-    probe = rclpy.create_node(
-        "viewer", namespace=DEFAULT_ROBOT, enable_rosout=False, start_parameter_services=False
-    )
-    try:
+    with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
         robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
         return robot, ViewerSettings().declare(probe)
-    finally:
-        probe.destroy_node()

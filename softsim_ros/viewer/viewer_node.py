@@ -9,20 +9,16 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
 
-import rclpy
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
-from rclpy.utilities import ok, try_shutdown
+from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
 from softsim_core.errors import SoftSimError
 from softsim_core.scene import load_scene
 from softsim_core.scene.description import SceneDescription
-from softsim_ros.environment import prepare_environment
-from softsim_ros.runtime import complain
+from softsim_ros.runtime import run_node
 from softsim_ros.teleop.loop import ready_callbacks
 from softsim_ros.viewer.commander import Commander
 from softsim_ros.viewer.controls import Controls
@@ -156,35 +152,18 @@ def serve(node: Viewer) -> None:
         executor.shutdown(timeout_sec=0)
 
 
+def announced_viewer() -> Viewer:
+    """The viewer that this process's parameters ask for; its address goes to standard output."""
+    robot, settings = requested_settings()
+    node = Viewer(load_scene(robot), settings)
+    sys.stdout.write(f"viewer: {node.address}\n")
+    sys.stdout.flush()
+    return node
+
+
 def main(args: Sequence[str] | None = None) -> int:
-    """Serve the page until Ctrl-C or SIGTERM. Returns 0, or 1 after an error, told in one sentence."""
-    try:
-        prepare_environment()
-        rclpy.init(args=None if args is None else ["viewer", *args])
-    except Exception as error:  # mixed ROS installations; wrong --ros-args (classes of rclpy's extension)
-        return complain(str(error).splitlines()[0])
-    node: Viewer | None = None
-    code = 0
-    try:
-        robot, settings = requested_settings()
-        node = Viewer(load_scene(robot), settings)
-        sys.stdout.write(f"viewer: {node.address}\n")
-        sys.stdout.flush()
-        serve(node)
-    except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
-        pass
-    except SoftSimError as error:
-        code = complain(str(error))
-    except Exception:
-        if ok():
-            raise
-        # a signal shut the context down in the middle of a call: an ordinary end
-    finally:
-        with suppress(KeyboardInterrupt):
-            if node is not None:
-                node.close()
-            try_shutdown()
-    return code
+    """Serve the page until Ctrl-C or SIGTERM; returns the exit code."""
+    return run_node(announced_viewer, args, serve)
 
 
 if __name__ == "__main__":
