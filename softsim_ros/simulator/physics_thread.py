@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError  # TimeoutError itself from Python 3.11 on
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -18,6 +19,7 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
+from softsim_ros.simulator.printed import printed_lines
 from softsim_ros.simulator.step_history import StepHistory
 
 IDLE_PERIOD_S = 0.1
@@ -67,6 +69,7 @@ class PhysicsThread:
             second argument asks to show the whole state at once. Returns the milliseconds it took.
         on_refusal: Called in the thread with the sentence of a refused command.
         on_fault: Called in the thread with a sentence when the physics stops by itself.
+        on_print: Called in the thread with each line that the scene's own code prints.
         speed: Simulated seconds a wall second, >= 0; 0 is as fast as possible.
 
     Attributes:
@@ -80,10 +83,12 @@ class PhysicsThread:
         on_state: Callable[[Simulation, bool], float],
         on_refusal: Callable[[str], None],
         on_fault: Callable[[str], None],
+        on_print: Callable[[str], None],
         speed: float = 1.0,
     ) -> None:
         self._simulation = simulation
-        self._on_state, self._on_refusal, self._on_fault = on_state, on_refusal, on_fault
+        self._on_state, self._on_refusal = on_state, on_refusal
+        self._on_fault, self._on_print = on_fault, on_print
         self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._command_lock = threading.Lock()
         self._newest: Array | JointTrajectory | None = None
@@ -244,6 +249,15 @@ class PhysicsThread:
 
         self.call(begin, shows=False)
 
+    def press_key(self, key: str) -> None:
+        """Hand a key to the scene's own code; what that raises is raised here."""
+
+        def press(simulation: Simulation) -> None:
+            with self._listening():
+                simulation.press_key(key)
+
+        self.call(press, shows=False)
+
     # --- in the thread --------------------------------------------------------------------------------
 
     def _ask(self, serve: Callable[[], None], future: Future[Result]) -> Result:
@@ -293,7 +307,8 @@ class PhysicsThread:
         try:
             self._apply_command()
             cpu = time.thread_time()
-            simulation.step()
+            with self._listening():
+                simulation.step()
             cpu = time.thread_time() - cpu
         except SolverDivergedError as error:
             self._stop_on_fault(f"{error}; paused at the last good state: ease the load or call ~/reset")
@@ -303,6 +318,10 @@ class PhysicsThread:
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
             self.history.add(simulation.step_count, simulation.time, stages)
+
+    def _listening(self) -> AbstractContextManager[None]:
+        """What is printed inside is the scene's, where it has code of its own."""
+        return printed_lines(self._on_print) if self._simulation.scene.controllers else nullcontext()
 
     def _stop_on_fault(self, sentence: str) -> None:
         self._forget_commands()

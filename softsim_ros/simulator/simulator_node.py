@@ -113,7 +113,12 @@ class Simulator(ClosableNode):
             overrides=self._files.overrides,
         )
         self._physics = PhysicsThread(
-            simulation, self._publications.publish, self._warn_refused, self.get_logger().error, start.speed
+            simulation,
+            self._publications.publish,
+            self._warn_refused,
+            self.get_logger().error,
+            self.get_logger().get_child("scene").info,
+            start.speed,
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
@@ -192,7 +197,7 @@ class Simulator(ClosableNode):
     def _on_key(self, message: String) -> None:
         """A key for the functions that the scene itself hung on keys."""
         try:
-            self.physics.call(lambda simulation: simulation.press_key(message.data), shows=False)
+            self.physics.press_key(message.data)
         except Exception as error:  # a scene's own code may raise anything; the node must live on
             self._warn_refused(f"key {message.data!r}: {error}")
 

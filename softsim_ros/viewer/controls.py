@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from softsim_core.scene.description import SceneDescription
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.drive_tab import DriveTab
+from softsim_ros.viewer.log_tab import LogTab
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.readings import AMBER, GREEN, GREY, RED
 from softsim_ros.viewer.scene_tab import SceneTab
@@ -47,6 +48,8 @@ class Controls:
             self.plots = PlotsTab(gui, viewer, robot)
         with tabs.add_tab("Timing"):
             self._timing = TimingTab(gui, inbox, viewer)
+        with tabs.add_tab("Log"):
+            self._log = LogTab(gui, viewer)
         with tabs.add_tab("Scene"):
             SceneTab(gui, inbox, viewer, robot)
 
@@ -61,6 +64,7 @@ class Controls:
         self._drive.refresh()
         self._view.refresh()
         self._timing.refresh()
+        self._log.refresh()
 
     def _lamp_states(self) -> list[tuple[str, str]]:
         viewer, state = self._viewer, self._viewer.state

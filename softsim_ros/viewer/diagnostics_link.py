@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from softsim_core.arrays import Array
 from softsim_ros.messages import read_step_profile
+from softsim_ros.viewer.log_link import LogLink
 
 _NEWEST_ONLY: Final = QoSProfile(depth=1)
 
@@ -27,10 +28,12 @@ class DiagnosticsLink:
         time_s: Simulated time in [s]; None: not heard.
         dt: Time step in [s]; None: not heard.
         stages: For each stage of a step its statistics, by name.
+        log: What they log.
         profile: Stages and rows of the last steps, see `step_profile`; None: not heard.
     """
 
     def __init__(self, node: Node) -> None:
+        self.log = LogLink(node)
         self.fault = ""
         self.e_stopped = False
         self.time_s: float | None = None

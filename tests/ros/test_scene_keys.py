@@ -12,6 +12,7 @@ from terminal_session import TerminalSession
 
 pytest.importorskip("rclpy")
 
+from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -47,7 +48,10 @@ def test_keys_call_the_scene_and_a_failing_function_is_one_warning(
     file.write_text(SCENE)
     robot = start_robot(robot=str(file))
     states = robot.client.collect(JointState, "joint_states", 5)
+    logged = robot.client.collect(Log, "/rosout", 100)
     assert pressed(robot, lambda: robot.client.publish("keys", String(data="u")), "u was pressed")
+    assert spin_until(lambda: [m for m in logged if m.msg == "u was pressed"])
+    assert {m.name for m in logged if m.msg == "u was pressed"} == {"tripod.simulator.scene"}
     assert spin_until(lambda: states and abs(states[-1].position[0] - 0.3) < 1e-9)
     robot.client.publish("keys", String(data="k"))
     assert robot.warns("controller failed: KeyError: 'k'")
@@ -56,7 +60,7 @@ def test_keys_call_the_scene_and_a_failing_function_is_one_warning(
     ) as session:
         session.wait_for("simulator: running at")
         assert pressed(robot, lambda: session.type(b"n"), "n was pressed")
-        session.wait_for("n goes to the scene's own code")
+        session.wait_for("scene: n was pressed")
         assert spin_until(lambda: abs(states[-1].position[0] + 0.3) < 1e-9)
         session.type(b"x")
         assert session.wait() == 0

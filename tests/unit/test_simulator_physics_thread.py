@@ -26,6 +26,7 @@ class Watcher:
         self.shown: list[tuple[int, np.ndarray]] = []
         self.refusals: list[str] = []
         self.faults: list[str] = []
+        self.printed: list[str] = []
         self._changed = threading.Condition()
 
     def on_state(self, simulation: Simulation, whole: bool) -> float:
@@ -54,7 +55,12 @@ def start(watcher: Watcher) -> Iterator[Callable[..., PhysicsThread]]:
         scene = dataclasses.replace(small_scene(), controllers=(controller,) if controller else ())
         simulation = Simulation(scene, backend="scipy")
         thread = PhysicsThread(
-            simulation, watcher.on_state, watcher.refusals.append, watcher.faults.append, speed
+            simulation,
+            watcher.on_state,
+            watcher.refusals.append,
+            watcher.faults.append,
+            watcher.printed.append,
+            speed,
         )
         threads.append(thread)
         thread.start()
@@ -73,6 +79,19 @@ def test_steps_are_shown_one_by_one(start: Callable[..., PhysicsThread], watcher
     start()
     assert watcher.wait_for(lambda: len(watcher.shown) > 20)
     assert [count for count, _ in watcher.shown[:20]] == list(range(20))
+
+
+def test_what_the_scene_prints_is_heard(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:
+    controller = Controller(
+        on_begin=lambda simulation: print("begins", simulation.step_count),
+        on_end=lambda simulation: print("ends", simulation.step_count),
+        on_key=lambda simulation, key: print("key", key),
+    )
+    thread = start(controller, paused=True)
+    watcher.printed.clear()
+    thread.step_once()
+    thread.press_key("k")
+    assert watcher.printed == ["begins 0", "ends 1", "key k"]
 
 
 def test_the_newest_command_wins(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:

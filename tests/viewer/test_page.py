@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,10 +17,22 @@ from browser_page import BrowserPage
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from lifecycle_msgs.srv import GetState
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+SPEAKING_SCENE = """
+from softsim_core.scene.parts import servo
+
+def create_scene(scene):
+    scene.name = "tripod"
+    scene.add(servo("wheel"))
+
+    @scene.on_key
+    def say(simulation, key):
+        print(f"{key} was pressed")
+"""
 
 BODY = "/bodies/silicone"
 START, MID, HIGH = -1.4965, -1.0466666666666667, -0.785
@@ -352,6 +365,21 @@ def test_another_scene_takes_its_place_and_the_tripod_comes_back(driven: Driven)
     page = driven.page
     assert driven.robot.set_parameters(robot="parts/servo") == (True, "")
     page.wait_until_gone(BODY)
+    assert driven.robot.set_parameters(robot="tripod") == (True, "")
+    page.wait_for_node(BODY)
+    driven.to_mid()
+
+
+def test_what_a_scene_prints_is_in_the_log(driven: Driven, tmp_path: Path) -> None:
+    page = driven.page
+    file = tmp_path / "speaking.py"
+    file.write_text(SPEAKING_SCENE)
+    assert driven.robot.set_parameters(robot=str(file)) == (True, "")
+    page.wait_until_gone(BODY)
+    page.tab("Log")
+    driven.robot.client.publish("keys", String(data="k"))
+    assert driven.shows("k was pressed")
+    assert driven.shows("simulator.scene")
     assert driven.robot.set_parameters(robot="tripod") == (True, "")
     page.wait_for_node(BODY)
     driven.to_mid()
