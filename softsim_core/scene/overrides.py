@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from softsim_core.errors import ConfigError
 from softsim_core.scene.structure import sourced
-from softsim_core.scene.yaml_source import merge
+from softsim_core.scene.yaml_source import merge, parse_yaml
 
 ORIGIN = Path("overrides")
 """What messages name instead of a file."""
@@ -39,17 +38,7 @@ def read_overrides(text: str) -> dict[str, Any]:
     Raises:
         ConfigError: no YAML, or no mapping.
     """
-    yaml = importlib.import_module("yaml")
-    try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:
-        problem = " ".join(str(error).split())
-        raise ConfigError(ORIGIN, "", f"YAML syntax: {problem}") from error
-    if data is None:
-        return {}
-    if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
-        raise ConfigError(ORIGIN, "", f"must be `key: value` lines as in a scene, not {data!r}")
-    return data
+    return parse_yaml(text, ORIGIN) if text.strip() else {}
 
 
 def write_overrides(overrides: Mapping[str, Any]) -> str:

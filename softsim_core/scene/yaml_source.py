@@ -45,13 +45,22 @@ def read_yaml(file: Path) -> SourcedMapping:
     Raises:
         ConfigError: unreadable file, YAML syntax, a key given twice or not text, no mapping at the top.
     """
-    yaml = _pyyaml(file)
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
+    return parse_yaml(text, file)
+
+
+def parse_yaml(text: str, file: Path) -> SourcedMapping:
+    """The mapping that YAML text holds, as `read_yaml`; `file` is what wrote its keys.
+
+    Raises:
+        ConfigError: YAML syntax, a key given twice or not text, no mapping at the top.
+    """
+    yaml = _pyyaml(file)
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.values import Placement
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.drive_tab import DriveTab
 from softsim_ros.viewer.log_tab import LogTab
@@ -13,6 +15,7 @@ from softsim_ros.viewer.readings import AMBER, GREEN, GREY, RED
 from softsim_ros.viewer.scene_tab import SceneTab
 from softsim_ros.viewer.timing_tabs import PlotsTab, TimingTab
 from softsim_ros.viewer.tune_tab import TuneTab
+from softsim_ros.viewer.tuning import tunables
 from softsim_ros.viewer.view_tab import ViewTab
 
 if TYPE_CHECKING:
@@ -51,7 +54,7 @@ class Controls:
         with tabs.add_tab("Log"):
             self._log = LogTab(gui, viewer)
         with tabs.add_tab("Scene"):
-            SceneTab(gui, inbox, viewer, robot)
+            self.scene = SceneTab(gui, inbox, viewer, robot)
 
     def refresh(self) -> None:
         """Show the state; a few times a second."""
@@ -63,6 +66,7 @@ class Controls:
         self._lamps.show(readings.lamps(self._lamp_states()))
         self._drive.refresh()
         self._view.refresh()
+        self.scene.refresh()
         self._timing.refresh()
         self._log.refresh()
 
@@ -76,6 +80,17 @@ class Controls:
             ("e-stop" if stopped else "no e-stop", RED if stopped else GREY),
             ("inverse on" if state.inverse else "inverse off", GREEN if state.inverse else GREY),
         ]
+
+
+def have_same_controls(a: SceneDescription, b: SceneDescription) -> bool:
+    """Whether the controls of one scene, but for the tab Scene, fit another one."""
+    return _controlled(a) == _controlled(b)
+
+
+def _controlled(scene: SceneDescription) -> object:
+    """What of a scene the controls show."""
+    joints = [replace(joint, base=Placement(), cable=None, kind="revolute") for joint in scene.joints]
+    return scene.name, [joint.kind for joint in scene.joints], joints, scene.keys, tunables(scene)
 
 
 def _add_run(gui: Any, inbox: Inbox, viewer: Viewer) -> None:

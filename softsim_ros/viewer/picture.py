@@ -73,6 +73,7 @@ class Picture:
         self._nodes: PointCloud2 | None = None
         self._frames: PoseArray | None = None
         self._on_demand: dict[str, Any] = {}
+        self._pull_mode = False
         self._subscribe()
 
     def _subscribe(self) -> None:
@@ -96,7 +97,13 @@ class Picture:
             self._seen = ""
         frames = list(self._structure.get("frames", ()))
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
+        self.stage.set_pull_mode(self._pull_mode)
         self.show(self.view)
+
+    @property
+    def overrides(self) -> str:
+        """What is laid over the scene's file, as YAML text."""
+        return str(self._structure.get("overrides", ""))
 
     def show_known(self) -> None:
         """Draw what has come already: it may have come before the structure did."""
@@ -188,6 +195,11 @@ class Picture:
     def change(self, **values: Any) -> None:
         """Show the present view with other values of some of its fields."""
         self.show(replace(self.view, **values))
+
+    def set_pull_mode(self, on: bool) -> None:
+        """Let a plain drag pull, too, where there is no Shift key."""
+        self._pull_mode = on
+        self.stage.set_pull_mode(on)
 
     def hide(self, part: str, hidden: bool) -> None:
         """Hide or show a part of the scene, such as "bodies/silicone"."""

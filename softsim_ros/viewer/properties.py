@@ -6,12 +6,13 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.overrides import Item
 
-_SKIPPED = ("name", "keys", "controllers")
+_SKIPPED = ("name", "keys", "controllers", "source")
 
 
 @dataclass(frozen=True)
@@ -22,41 +23,57 @@ class Part:
         path: Where it stands in the tree, such as "bodies/silicone".
         help: What it is, one sentence or two.
         properties: Name, value as text, and help of each property.
+        steps: Where it stands in the scene's file; None for an item of a list without names.
+        editable: Values by name of the properties that a person may change: plain ones.
     """
 
     path: str
     help: str
     properties: tuple[tuple[str, str, str], ...]
+    steps: tuple[str | Item, ...] | None = ()
+    editable: Mapping[str, Any] = field(default_factory=dict)
 
 
 def parts_of(scene: SceneDescription) -> dict[str, Part]:
     """Every part of a scene by its path, the scene itself first."""
     found: dict[str, Part] = {}
-    _visit(scene, scene.name, found)
+    _visit(scene, scene.name, (), found)
     return found
 
 
-def _visit(value: Any, path: str, found: dict[str, Part]) -> None:
+def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: dict[str, Part]) -> None:
     """Add a description and the descriptions in it."""
     summary, helps = documentation(type(value))
-    rows, inner = [], []
-    for field in dataclasses.fields(value):
-        content = getattr(value, field.name)
-        if field.name in _SKIPPED:
+    rows: list[tuple[str, str, str]] = []
+    inner: list[tuple[str, tuple[str | Item, ...] | None, Any]] = []
+    editable: dict[str, Any] = {}
+    for described in dataclasses.fields(value):
+        content = getattr(value, described.name)
+        if described.name in _SKIPPED:
             continue
-        below = f"{path}/{field.name}"
+        below = f"{path}/{described.name}"
+        there = None if steps is None else (*steps, described.name)
         if dataclasses.is_dataclass(content):
-            inner.append((below, content))
+            inner.append((below, there, content))
         elif isinstance(content, tuple) and content and dataclasses.is_dataclass(content[0]):
-            inner += [
-                (f"{below}/{getattr(each, 'name', getattr(each, 'joint', i))}", each)
-                for i, each in enumerate(content)
-            ]
+            for i, each in enumerate(content):
+                name = getattr(each, "name", None)
+                item = None if there is None or name is None else (*there, Item(name))
+                inner.append((f"{below}/{name or getattr(each, 'joint', i)}", item, each))
         else:
-            rows.append((field.name, value_text(content), helps.get(field.name, "")))
-    found[path] = Part(path, summary, tuple(rows))
-    for below, content in inner:
-        _visit(content, below, found)
+            rows.append((described.name, value_text(content), helps.get(described.name, "")))
+            if steps is not None and _is_plain(content):
+                editable[described.name] = content
+    found[path] = Part(path, summary, tuple(rows), steps, editable)
+    for below, there, content in inner:
+        _visit(content, below, there, found)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value can be written by hand."""
+    if isinstance(value, tuple):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, bool | int | float | str)
 
 
 def value_text(value: Any) -> str:

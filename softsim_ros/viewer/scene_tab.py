@@ -1,13 +1,16 @@
-"""The tab Scene: chooser of robots and scenes, the tree of parts with their properties."""
+"""The tab Scene: chooser of robots and scenes, the tree of parts, properties that can be changed."""
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING, Any
 
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.files import known_scenes
 from softsim_ros.viewer.panel import Inbox
-from softsim_ros.viewer.properties import parts_of
+from softsim_ros.viewer.part_panel import PartPanel
+from softsim_ros.viewer.part_tree import PartTree
+from softsim_ros.viewer.properties import Part, parts_of
 
 if TYPE_CHECKING:
     from softsim_ros.viewer.viewer_node import Viewer
@@ -19,37 +22,66 @@ class SceneTab:
     Args:
         gui: viser's controls, inside the tab.
         inbox: Where events of browsers go.
-        viewer: The node that loads another scene.
+        viewer: The node that loads another scene and lays changes over this one.
         robot: The scene.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
-        self._robot, self._parts = robot, parts_of(robot)
-        known = tuple(known_scenes())
-        if known:
-            name = viewer.scene_name
-            chooser = gui.add_dropdown(
-                "Robot or scene",
-                known,
-                initial_value=name if name in known else known[0],
-                hint="runs in place of this one",
+        self._gui, self._inbox, self._viewer = gui, inbox, viewer
+        self._folder = gui.add_folder(None)
+        self._content: list[Any] = []
+        self._selected = robot.name
+        self.show(robot)
+
+    def show(self, robot: SceneDescription) -> None:
+        """Show another scene, or the same one with changes; the selected part stays, where there is one."""
+        for handle in self._content:
+            handle.remove()
+        gui, viewer = self._gui, self._viewer
+        self._parts, self._source = parts_of(robot), robot.source
+        with self._folder:
+            self._content = self._chooser()
+            self._panel = PartPanel(gui, self._inbox, viewer.lay_over, viewer.say)
+            picture = viewer.picture
+            self._tree = PartTree(
+                gui, self._inbox, self._parts, robot.shown_parts, self._select, picture.hide
             )
-            inbox.on_change(chooser, viewer.choose_scene)
-        tree = "\n".join(
-            f"{'&nbsp;' * 4 * path.count('/')}{path.rsplit('/', 1)[-1]}  " for path in self._parts
+            self._content += [self._panel.folder, self._tree.folder, *self._changes(picture.overrides)]
+        self._select(self._selected if self._selected in self._parts else robot.name)
+
+    def refresh(self) -> None:
+        """Show which parts are hidden."""
+        self._tree.show_hidden(self._viewer.picture.view.hidden)
+
+    def _chooser(self) -> list[Any]:
+        """A list of all robots and scenes."""
+        known, name = tuple(known_scenes()), self._viewer.scene_name
+        if not known:
+            return []
+        chooser = self._gui.add_dropdown(
+            "Robot or scene",
+            known,
+            initial_value=name if name in known else known[0],
+            hint="runs in place of this one",
         )
-        paths = tuple(self._parts)
-        part = gui.add_dropdown("Part", paths, initial_value=paths[0])
-        self._properties = gui.add_markdown(self._part_text(paths[0]))
-        inbox.on_change(part, self._show_part)
-        with gui.add_folder("Tree", expand_by_default=False):
-            gui.add_markdown(tree)
+        self._inbox.on_change(chooser, self._viewer.choose_scene)
+        return [chooser]
 
-    def _show_part(self, path: str) -> None:
-        self._properties.content = self._part_text(path)
+    def _changes(self, changes: str) -> list[Any]:
+        """What is laid over the scene's file, how to keep it, and how to be rid of it."""
+        if not changes:
+            return []
+        gui, folder = self._gui, self._gui.add_folder("Changes")
+        with folder:
+            words = f"Laid over it; to keep it, write it into the file:<pre>{html.escape(changes)}</pre>"
+            gui.add_html(f'<div style="font-size:0.85em;padding:0 0.7em">{words}</div>')
+            self._inbox.on_click(gui.add_button("Forget changes"), self._viewer.forget_changes)
+        return [folder]
 
-    def _part_text(self, path: str) -> str:
-        part = self._parts[path]
-        rows = "\n".join(f"| {name} | {value} | {text} |" for name, value, text in part.properties)
-        source = "" if self._robot.source is None else f"\n\nFrom `{self._robot.source}`"
-        return f"**{path}**: {part.help}\n\n| | | |\n|---|---|---|\n{rows}{source}"
+    def _select(self, path: str) -> None:
+        self._selected = path
+        self._panel.show(self._parts[path], self._source_text(self._parts[path]))
+
+    def _source_text(self, part: Part) -> str:
+        """Where a part is written."""
+        return "" if self._source is None else f"From <code>{html.escape(str(self._source))}</code>"

@@ -30,20 +30,22 @@ class ViewTab:
 
     def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer) -> None:
         self._viewer, picture = viewer, viewer.picture
-        stage, view = picture.stage, picture.view
+        view = picture.view
         self._legend = Shown(gui.add_html(""))
         top = gui.add_number(
             "Top of the scale [kPa], 0: automatic", (view.stress_top or 0.0) / KILO, min=0.0, step=1.0
         )
         inbox.on_change(top, lambda shown: picture.change(stress_top=KILO * shown or None))
-        self._boxes: dict[str, Any] = {}
-        for name, words in LAYERS.items():
-            self._boxes[name] = gui.add_checkbox(words, getattr(view, name))
-            inbox.on_change(self._boxes[name], partial(_switch, picture, name))
+        self._boxes = {
+            name: inbox.on_change(
+                gui.add_checkbox(words, getattr(view, name)), partial(_switch, picture, name)
+            )
+            for name, words in LAYERS.items()
+        }
         size = gui.add_slider("Size of nodes [mm]", *NODE_SIZES, MM * view.node_size)
         inbox.on_change(size, lambda shown: picture.change(node_size=shown / MM))
         with gui.add_folder("Mouse"):
-            inbox.on_change(gui.add_checkbox("Drag pulls (as Shift + drag)", False), stage.set_pull_mode)
+            inbox.on_change(gui.add_checkbox("Drag pulls (as Shift + drag)", False), picture.set_pull_mode)
             stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, viewer.pull_stiffness)
             inbox.on_change(stiffness, viewer.set_pull_stiffness)
         inbox.on_click(gui.add_button("Reset view"), picture.reset_view)
@@ -53,8 +55,7 @@ class ViewTab:
         """Show the scale of the stress, and what is switched."""
         surface, view = self._viewer.picture.stage.surface, self._viewer.picture.view
         for name, box in self._boxes.items():
-            if box.value != getattr(view, name):
-                box.value = getattr(view, name)
+            box.show(getattr(view, name))
         self._legend.show(readings.legend(surface.shown_top) if surface.by_stress else "")
 
 
@@ -69,4 +70,5 @@ def save_picture(event: Any) -> None:
     client = event.client
     if client is not None:
         picture = client.get_render(height=900, width=1200, timeout=30.0)
-        client.send_file_download("softsim.png", imwrite("<bytes>", picture, extension=".png"))
+        content = imwrite("<bytes>", picture, extension=".png")
+        client.send_file_download("softsim.png", content, save_immediately=True)

@@ -8,7 +8,7 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,10 +18,11 @@ from sensor_msgs.msg import JointState
 from softsim_core.errors import SoftSimError
 from softsim_core.scene import load_scene
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.overrides import laid_over, read_overrides, write_overrides
 from softsim_ros.runtime import run_node
 from softsim_ros.teleop.loop import ready_callbacks
 from softsim_ros.viewer.commander import Commander
-from softsim_ros.viewer.controls import Controls
+from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, is_loopback
 from softsim_ros.viewer.panel import Inbox
@@ -47,6 +48,8 @@ class Viewer(Commander):
         ViewerError: the page cannot be served.
     """
 
+    controls: Controls
+
     def __init__(self, robot: SceneDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
         self._settings = settings = settings.declare(self)
@@ -61,6 +64,7 @@ class Viewer(Commander):
         )
         self._started_at = time.monotonic()
         self._next_tick = self._next_plot = 0.0
+        self._controlled: SceneDescription | None = None
         self._build_page()
 
     @property
@@ -81,14 +85,18 @@ class Viewer(Commander):
     # --- a scene --------------------------------------------------------------------------------------
 
     def _build_page(self) -> None:
-        """Scene and panel for `self.robot`; the cameras stay where they are."""
+        """Scene and panel for `self.robot`; the cameras stay where they are, and so do controls that fit."""
         with self._server.atomic():
-            self._inbox.turn_page()
-            self._server.gui.reset()
             self._server.scene.reset()
-            self._server.gui.configure_theme(show_logo=False, show_share_button=False)
             self.picture.build(self.robot)
-            self.controls = Controls(self._server.gui, self._inbox, self, self.robot)
+            if self._controlled is not None and have_same_controls(self._controlled, self.robot):
+                self.controls.scene.show(self.robot)
+            else:
+                self._inbox.turn_page()
+                self._server.gui.reset()
+                self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+                self.controls = Controls(self._server.gui, self._inbox, self, self.robot)
+            self._controlled = self.robot
         self.parameters.names = self.controls.tune.names
         self.picture.show_known()
 
@@ -97,7 +105,7 @@ class Viewer(Commander):
         source = structure.get("source")
         if source is not None:
             try:
-                self.robot = load_scene(source)
+                self.robot = load_scene(source, read_overrides(self.picture.overrides))
             except SoftSimError as error:
                 self.say(str(error))
         self.scene_name = self.robot.name
@@ -105,6 +113,15 @@ class Viewer(Commander):
         self.efforts = ()
         self.state = replace(self.state, measured=None, commanded=None, measured_at=-math.inf)
         self._build_page()
+
+    def lay_over(self, changes: Mapping[str, Any]) -> None:
+        """Have the scene begin anew with more values laid over its file."""
+        wanted = laid_over(read_overrides(self.picture.overrides), changes)
+        self.parameters.set("overrides", write_overrides(wanted))
+
+    def forget_changes(self) -> None:
+        """Have the scene begin anew as its file says."""
+        self.parameters.set("overrides", "")
 
     def _on_joint_states(self, message: JointState) -> None:
         super()._on_joint_states(message)

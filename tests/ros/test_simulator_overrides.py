@@ -40,7 +40,7 @@ def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_unt
 
     for wrong, words in (
         ("joints: [{name: servo_0, bas: {}}]", "did you mean base"),
-        ("[1]", "must be `key: value` lines"),
+        ("[1]", "must hold `key: value` lines"),
         ("attachments: [{name: centre, sphere: {center: [9, 9, 9], radius: 0.01}}]", "centre"),
     ):
         successful, reason = robot.set_parameters(overrides=wrong)
