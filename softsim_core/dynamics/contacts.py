@@ -12,7 +12,7 @@ from softsim_core.contact.rows import MOST_ENTRIES, Carried, contact_rows
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model, Screws
-from softsim_core.mechanics.pose import rotation_log
+from softsim_core.mechanics.pose import cross, rotation_log
 from softsim_core.mechanics.state import MEMORY, State
 from softsim_core.scene.objects import ContactSettings
 
@@ -136,7 +136,7 @@ class Contacts:
         slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
         if self._spheres:
             rolled = self._rolled(model, before, free)
-            slip -= np.cross(rolled[near.a[:, 0]] + rolled[near.b[:, 0]], near.normal)
+            slip -= cross(rolled[near.a[:, 0]] + rolled[near.b[:, 0]], near.normal)
         gap = np.einsum("kdi,ki->kd", directions, slip)
         gap[:, 0] += near.distance - self.settings.contact_distance
         middle = np.einsum("kc,kci->ki", near.a_weights, points[near.a])
@@ -242,9 +242,9 @@ def _directions(normal: Array) -> Array:
     """Normals (k, 3) and two tangents each, shape (k, 3, 3); the same normal gives the same tangents."""
     aside = np.zeros_like(normal)
     aside[np.arange(len(normal)), np.argmin(np.abs(normal), axis=1)] = 1.0
-    first = np.cross(normal, aside)
+    first = cross(normal, aside)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+    return np.stack([normal, first, cross(normal, first)], axis=1)
 
 
 def no_memory() -> Array:

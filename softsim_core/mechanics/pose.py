@@ -24,13 +24,31 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors (..., 3); np.cross takes several times as long for a few of them."""
+    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return result
+
+
 def rotation_exp(rotation_vector: Array) -> Array:
     """Rotation matrix (3, 3) of a rotation vector (3,) in [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(rotation_vector))
-    k = cross_matrix(rotation_vector)
+    x, y, z = rotation_vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-8:
-        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * (k @ k))
+        a, b = 1.0, 0.5
+    elif angle < math.inf:
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle**2
+    else:
+        a = b = math.nan
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def rotation_log(rotation: Array) -> Array:

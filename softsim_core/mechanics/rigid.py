@@ -6,12 +6,12 @@ but contacts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import cross_matrix, rotation_exp
+from softsim_core.mechanics.pose import cross, cross_matrix, rotation_exp
 from softsim_core.mechanics.state import State
 
 
@@ -25,6 +25,7 @@ class RigidBodies:
         inertia: Inertia about the centre of mass in body axes in [kg m^2], shape (r, 3, 3).
         rest_positions: Centres of mass at the start in [m], shape (r, 3).
         rest_rotations: Rotations at the start, shape (r, 3, 3).
+        inverse_inertia: In [1/(kg m^2)], body axes, shape (r, 3, 3).
     """
 
     names: tuple[str, ...]
@@ -32,6 +33,10 @@ class RigidBodies:
     inertia: Array
     rest_positions: Array
     rest_rotations: Array
+    inverse_inertia: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inverse_inertia", np.linalg.inv(self.inertia))
 
     def predict(self, state: State, gravity: Array, dt: float) -> None:
         """Velocities after `dt` of free motion under gravity (3,) [m/s^2]; positions stay.
@@ -43,7 +48,7 @@ class RigidBodies:
         for r, rotation in enumerate(state.rigid_rotations):
             spin = rotation.T @ state.rigid_velocities[r, 3:]
             momentum = self.inertia[r] @ spin
-            residual = dt * np.cross(spin, momentum)
+            residual = dt * cross(spin, momentum)
             if not residual.any():
                 continue
             slope = self.inertia[r] + dt * (cross_matrix(spin) @ self.inertia[r] - cross_matrix(momentum))
@@ -51,10 +56,9 @@ class RigidBodies:
 
     def advance(self, state: State, before: State, dt: float) -> None:
         """Positions and rotations a `dt` after `before`, at the velocities of `state`."""
-        for r, velocity in enumerate(state.rigid_velocities):
-            state.rigid_positions[r] = before.rigid_positions[r] + dt * velocity[:3]
-            turned = rotation_exp(dt * velocity[3:]) @ before.rigid_rotations[r]
-            state.rigid_rotations[r] = _orthonormal(turned)
+        state.rigid_positions[:] = before.rigid_positions + dt * state.rigid_velocities[:, :3]
+        for r, spin in enumerate(state.rigid_velocities[:, 3:]):
+            state.rigid_rotations[r] = _orthonormal(rotation_exp(dt * spin) @ before.rigid_rotations[r])
 
     def response(self, state: State, rows: Array) -> Array:
         """Velocities and spins a unit of impulse on each row, world axes, for rows (k, 6 r), same shape."""
@@ -62,8 +66,7 @@ class RigidBodies:
         for r, rotation in enumerate(state.rigid_rotations):
             linear, angular = slice(6 * r, 6 * r + 3), slice(6 * r + 3, 6 * r + 6)
             result[:, linear] = rows[:, linear] / self.mass[r]
-            inverse = rotation @ np.linalg.inv(self.inertia[r]) @ rotation.T
-            result[:, angular] = rows[:, angular] @ inverse
+            result[:, angular] = rows[:, angular] @ (rotation @ self.inverse_inertia[r] @ rotation.T)
         return result
 
 
@@ -73,8 +76,5 @@ def no_rigid_bodies() -> RigidBodies:
 
 
 def _orthonormal(rotation: Array) -> Array:
-    """The rotation with its rounding errors taken out (Gram-Schmidt)."""
-    first = rotation[:, 0] / np.linalg.norm(rotation[:, 0])
-    second = rotation[:, 1] - (first @ rotation[:, 1]) * first
-    second /= np.linalg.norm(second)
-    return np.column_stack([first, second, np.cross(first, second)])
+    """The rotation with its rounding errors taken out: a Newton step to its polar factor (Higham 1986)."""
+    return np.asarray(1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation))
