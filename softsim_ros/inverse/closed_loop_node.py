@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -11,17 +10,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu
 from std_srvs.srv import SetBool
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import SceneDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
@@ -35,11 +32,10 @@ from softsim_ros.inverse.path_follower_parameters import LEAVE
 from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
 from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
-from softsim_ros.messages import diagnostic_array, pose_stamped
+from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.runtime import ClosableNode, declare_number, declare_switch, declare_text, run_node
-from softsim_ros.simulator.parameters import declare_robot
-from softsim_ros.simulator.simulator_node import requested_robot
+from softsim_ros.robot_node import RobotNode
+from softsim_ros.runtime import declare_number, declare_switch, declare_text, run_node
 
 NODE_NAME: Final = "closed_loop"
 MEASURES: Final = ("imu", "effector_pose")
@@ -54,46 +50,17 @@ GAINS: Final = {
 }
 
 
-class ClosedLoop(ClosableNode):
-    """Tilts the goal until the measured tilts are the wanted ones.
-
-    Args:
-        robot: Name or path of the robot, or its scene; None takes the parameter `robot`.
-        context: rclpy context; None takes the default one.
-        namespace: None takes the robot's name.
-        parameter_overrides: Values at start, over those of the command line.
+class ClosedLoop(RobotNode):
+    """Tilts the goal until the measured tilts are the wanted ones; made as RobotNode says.
 
     Raises:
         SoftSimError: the robot is not known, a parameter is not allowed, or the log cannot be written.
     """
 
-    def __init__(
-        self,
-        robot: str | os.PathLike[str] | SceneDescription | None = None,
-        *,
-        context: Context | None = None,
-        namespace: str | None = None,
-        parameter_overrides: Sequence[Parameter] = (),
-    ) -> None:
-        if robot is None:
-            robot = requested_robot(NODE_NAME, context, parameter_overrides)
-        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
-        super().__init__(
-            NODE_NAME,
-            context=context,
-            namespace=scene.name if namespace is None else namespace,
-            parameter_overrides=list(parameter_overrides),
-        )
-        self._log: ClosedLoopLog | None = None
-        try:
-            self._begin(scene, scene.name if isinstance(robot, SceneDescription) else str(robot))
-        except BaseException:
-            self.close()
-            raise
+    node_name = NODE_NAME
+    _log: ClosedLoopLog | None = None
 
-    def _begin(self, scene: SceneDescription, robot: str) -> None:
-        self.robot = scene.name
-        declare_robot(self, robot)
+    def _begin(self, scene: SceneDescription) -> None:
         rest = effector_rest(scene)
         self._declare(rest[2] + MAZE_LIFT_M)
         self._position = np.array([rest[0], rest[1], self._number("height")])
@@ -106,7 +73,6 @@ class ClosedLoop(ClosableNode):
         file = str(self.get_parameter("log_file").value)
         self._log = ClosedLoopLog(Path(file).expanduser()) if file else None
         self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(Vector3Stamped, "tilt_reference", self._on_tilts, 1)
         self.create_subscription(PoseStamped, "effector_reference", self._on_reference, 1)
         if self._source == "imu":
@@ -276,9 +242,7 @@ class ClosedLoop(ClosableNode):
             values["saturated"] = self._loop.controller.is_saturated
             values["time_s"] = step.time
         level, sentence = (WARN, self._said) if self._enabled and self._said else (OK, state)
-        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+        self._publish_health(level, sentence, values)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Sequence
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import SceneDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
@@ -31,11 +28,10 @@ from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
 from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import checked_feedback, declare_parameters, tuned
 from softsim_ros.inverse.plant import SILENT_AFTER_S
-from softsim_ros.messages import diagnostic_array, pose_stamped
-from softsim_ros.runtime import ClosableNode, run_node
+from softsim_ros.messages import pose_stamped
+from softsim_ros.robot_node import RobotNode
+from softsim_ros.runtime import run_node
 from softsim_ros.simulator.pacing import RateGate
-from softsim_ros.simulator.parameters import declare_robot
-from softsim_ros.simulator.simulator_node import requested_robot
 
 NODE_NAME = "inverse_controller"
 WARNING_PERIOD_S = 1.0
@@ -46,53 +42,26 @@ _NEWEST_ONLY = QoSProfile(depth=1)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class InverseControl(ClosableNode):
+class InverseControl(RobotNode):
     """Brings one robot's effector to a goal; in front of the simulator and of the real robot alike.
 
-    Args:
-        robot: Name or path of the robot, or the robot itself; None takes the parameter `robot`.
-        context: rclpy context; None takes the default one.
-        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
-        parameter_overrides: Values at start, over those of the command line.
+    Made as RobotNode says.
 
     Raises:
         SoftSimError: the robot is not known or has no effector, or a parameter is not allowed.
     """
 
-    def __init__(
-        self,
-        robot: str | os.PathLike[str] | SceneDescription | None = None,
-        *,
-        context: Context | None = None,
-        namespace: str | None = None,
-        parameter_overrides: Sequence[Parameter] = (),
-    ) -> None:
-        if robot is None:
-            robot = requested_robot(NODE_NAME, context, parameter_overrides)
-        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+    node_name = NODE_NAME
+    _control: ControlThread | None = None
+    _closed = False
+
+    def _begin(self, scene: SceneDescription) -> None:
         if scene.effector is None or not scene.joints:
             raise SceneError(
                 f"scene {scene.name} has no {'joints' if scene.effector else 'effector'}: inverse control "
                 "needs both (keys `joints` and `effector` of its file)"
             )
-        self.scene = scene
-        super().__init__(
-            NODE_NAME,
-            context=context,
-            namespace=scene.name if namespace is None else namespace,
-            parameter_overrides=list(parameter_overrides),
-        )
-        self._control: ControlThread | None = None
-        self._closed = False
-        try:
-            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
-            self._begin()
-        except BaseException:
-            self.close()
-            raise
-
-    def _begin(self) -> None:
-        start = declare_parameters(self, self.scene)
+        start = declare_parameters(self, scene)
         self.scene = scene = start.scene
         self.get_logger().info(f"building the model of {scene.name}")
         self._frames = (WORLD, f"{scene.name}_base")  # the base stands in the world's origin
@@ -102,7 +71,6 @@ class InverseControl(ClosableNode):
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
         self._commands = CommandsOut(self, self._on_foreign_command)
         self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", _NEWEST_ONLY)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._control = ControlThread(
             InverseController(scene, scene.inverse),
             scene.joints,
@@ -256,9 +224,7 @@ class InverseControl(ClosableNode):
         level, sentence, values = health(
             control.status, control.is_alive, control.feedback, self._foreign_commands
         )
-        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.scene.name, level, sentence, values))
+        self._publish_health(level, sentence, values)
 
 
 def main(args: Sequence[str] | None = None) -> int:

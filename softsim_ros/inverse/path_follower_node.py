@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import SceneDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, read_path
@@ -32,11 +29,10 @@ from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, declare_pa
 from softsim_ros.inverse.path_messages import effector_path
 from softsim_ros.inverse.path_player import PathPlayer
 from softsim_ros.inverse.robot import effector_rest
-from softsim_ros.messages import diagnostic_array, pose_stamped
+from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.runtime import ClosableNode, run_node
-from softsim_ros.simulator.parameters import declare_robot
-from softsim_ros.simulator.simulator_node import requested_robot
+from softsim_ros.robot_node import RobotNode
+from softsim_ros.runtime import run_node
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
@@ -49,45 +45,17 @@ DISCOVERY_S: Final = 5.0
 RETRY_PERIOD_S: Final = 0.25
 
 
-class PathFollower(ClosableNode):
-    """Gives timed goals to the inverse controller of its namespace.
-
-    Args:
-        robot: Name or path of the robot, or its scene; None takes the parameter `robot`.
-        context: rclpy context; None takes the default one.
-        namespace: None takes the robot's name.
-        parameter_overrides: Values at start, over those of the command line.
+class PathFollower(RobotNode):
+    """Gives timed goals to the inverse controller of its namespace; made as RobotNode says.
 
     Raises:
         SoftSimError: robot or file are not known, or a parameter is not allowed.
     """
 
-    def __init__(
-        self,
-        robot: str | os.PathLike[str] | SceneDescription | None = None,
-        *,
-        context: Context | None = None,
-        namespace: str | None = None,
-        parameter_overrides: Sequence[Parameter] = (),
-    ) -> None:
-        if robot is None:
-            robot = requested_robot(NODE_NAME, context, parameter_overrides)
-        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
-        super().__init__(
-            NODE_NAME,
-            context=context,
-            namespace=scene.name if namespace is None else namespace,
-            parameter_overrides=list(parameter_overrides),
-        )
-        try:
-            self._begin(scene, scene.name if isinstance(robot, SceneDescription) else str(robot))
-        except BaseException:
-            self.close()
-            raise
+    node_name = NODE_NAME
 
-    def _begin(self, scene: SceneDescription, robot: str) -> None:
-        self.robot, self._rest = scene.name, effector_rest(scene)
-        declare_robot(self, robot)
+    def _begin(self, scene: SceneDescription) -> None:
+        self._rest = effector_rest(scene)
         declare_parameters(self)
         self._own_task = scene.inverse.task
         self._file = str(self.get_parameter("file").value)
@@ -106,7 +74,6 @@ class PathFollower(ClosableNode):
         self._inverse = InverseSwitch(self, self._on_inverse, self._warn)
         self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
         self._progress = self.create_publisher(Float64, "~/progress", 1)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
         self.create_service(Trigger, "~/start", answers.trigger(self.start))
@@ -315,10 +282,8 @@ class PathFollower(ClosableNode):
             "rounds": player.rounds,
             "inverse": "on" if self._inverse.is_on else "off or unknown",
         }
-        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         level, sentence = (WARN, self._problem) if self._problem else (OK, str(values["state"]))
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+        self._publish_health(level, sentence, values)
 
     def _now(self) -> float:
         return float(self._path_clock.now().nanoseconds) * 1e-9

@@ -16,7 +16,6 @@ from softsim_ros.simulator.snapshot_file import default_snapshot_file
 
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")
-DEFAULT_ROBOT = "tripod"
 PHYSICAL = ("young_modulus", "poisson_ratio", "rayleigh_stiffness", "rayleigh_mass")
 """Last parts of the names of the parameters that belong to the scene."""
 
@@ -51,17 +50,6 @@ class StartParameters:
     publish_clock: bool
     watch: bool
     tunings: dict[str, Tuning]
-
-
-def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
-    """Declare and return which robot or scene runs: a name or a path; another one can be set at run time."""
-    return declare_text(
-        node,
-        "robot",
-        default,
-        "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
-        read_only=False,
-    )
 
 
 def declare_overrides(node: Node) -> str:

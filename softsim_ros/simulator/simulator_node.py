@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -16,8 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
@@ -25,8 +22,9 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from softsim_core import SceneDescription, Simulation, load_scene
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
-from softsim_ros.messages import diagnostic_array, step_profile
-from softsim_ros.runtime import ClosableNode, run_node
+from softsim_ros.messages import step_profile
+from softsim_ros.robot_node import RobotNode
+from softsim_ros.runtime import run_node
 from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import health
 from softsim_ros.simulator.parameters import (
@@ -34,7 +32,6 @@ from softsim_ros.simulator.parameters import (
     declare_overrides,
     declare_parameters,
     declare_physics_again,
-    declare_robot,
     forget_overrides,
 )
 from softsim_ros.simulator.physics_thread import PhysicsThread
@@ -52,52 +49,24 @@ WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
 
-class Simulator(ClosableNode):
-    """Simulates one robot or scene in real time.
-
-    Args:
-        robot: Name or path of the scene, or the scene itself; None takes the parameter `robot`.
-        context: rclpy context; None takes the default one.
-        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
-        parameter_overrides: Values at start, over those of the command line.
+class Simulator(RobotNode):
+    """Simulates one robot or scene in real time; made as RobotNode says.
 
     Raises:
         SoftSimError: the robot is not known, or a parameter is not allowed.
     """
 
-    def __init__(
-        self,
-        robot: str | os.PathLike[str] | SceneDescription | None = None,
-        *,
-        context: Context | None = None,
-        namespace: str | None = None,
-        parameter_overrides: Sequence[Parameter] = (),
-    ) -> None:
-        if robot is None:
-            robot = requested_robot(NODE_NAME, context, parameter_overrides)
-        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
-        self.robot = scene.name
-        super().__init__(
-            NODE_NAME,
-            context=context,
-            namespace=self.robot if namespace is None else namespace,
-            parameter_overrides=list(parameter_overrides),
-        )
-        self._physics: PhysicsThread | None = None
-        self._closed = False
-        self._applies_parameters = True
-        try:
-            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
-            self._files = SceneFiles(scene)
-            self._files.overrides = declare_overrides(self)
-            if self._files.overrides:
-                scene = self._files.load()
-            self._begin(declare_parameters(self, scene, self.robot))
-        except BaseException:
-            self.close()
-            raise
+    node_name = NODE_NAME
+    _physics: PhysicsThread | None = None
+    _closed = False
+    _applies_parameters = True
 
-    def _begin(self, start: StartParameters) -> None:
+    def _begin(self, scene: SceneDescription) -> None:
+        self._files = SceneFiles(scene)
+        self._files.overrides = declare_overrides(self)
+        if self._files.overrides:
+            scene = self._files.load()
+        start = declare_parameters(self, scene, self.robot)
         simulation = self._build(start)
         self.joint_names = simulation.joint_names
         self._backend = simulation.backend
@@ -120,7 +89,6 @@ class Simulator(ClosableNode):
             self.get_logger().get_child("scene").info,
             start.speed,
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
@@ -352,11 +320,9 @@ class Simulator(ClosableNode):
         level, sentence, values = health(
             self.physics.status, self.physics.is_alive, self._speed, self._backend
         )
-        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+        self._publish_health(level, sentence, values)
         if self._stage_statistics.get_subscription_count():
-            stages = self.physics.status.speed.stages
+            stamp, stages = self.get_clock().now().to_msg(), self.physics.status.speed.stages
             self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
         if self._step_profile.get_subscription_count():
             self._step_profile.publish(step_profile(*self.physics.history.steps()))
@@ -378,22 +344,6 @@ def _answering(
         return response
 
     return answer
-
-
-def requested_robot(name: str, context: Context | None, overrides: Sequence[Parameter]) -> str:
-    """The parameter `robot` given to the node `name`, needed before the node: it names the namespace."""
-    node = Node(
-        name,
-        context=context,
-        parameter_overrides=list(overrides),
-        start_parameter_services=False,
-        enable_rosout=False,
-        enable_logger_service=False,
-    )
-    try:
-        return declare_robot(node)
-    finally:
-        node.destroy_node()
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,0 +1,88 @@
+"""What the nodes for one robot have in common: which robot, its namespace, its diagnostics."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from softsim_core import SceneDescription, load_scene
+from softsim_ros.messages import diagnostic_array
+from softsim_ros.runtime import ClosableNode, declare_text, parameter_probe
+
+DEFAULT_ROBOT = "tripod"
+
+
+class RobotNode(ClosableNode):
+    """A node for one robot or scene, in the robot's namespace.
+
+    Args:
+        robot: Name or path of the robot, or the robot itself; None takes the parameter `robot`.
+        context: rclpy context; None takes the default one.
+        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
+        parameter_overrides: Values at start, over those of the command line.
+
+    Attributes:
+        node_name: Name of the node.
+        robot: Name of the robot.
+
+    Raises:
+        SoftSimError: the robot is not known, or what a subclass refuses.
+    """
+
+    node_name: ClassVar[str]
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        *,
+        context: Context | None = None,
+        namespace: str | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+    ) -> None:
+        overrides = list(parameter_overrides)
+        if robot is None:
+            with parameter_probe(self.node_name, context=context, parameter_overrides=overrides) as probe:
+                robot = declare_robot(probe)
+        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        self.robot = scene.name
+        super().__init__(
+            self.node_name,
+            context=context,
+            namespace=scene.name if namespace is None else namespace,
+            parameter_overrides=overrides,
+        )
+        try:
+            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
+            self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+            self._begin(scene)
+        except BaseException:
+            self.close()
+            raise
+
+    @abstractmethod
+    def _begin(self, scene: SceneDescription) -> None:
+        """Declare parameters, make topics and services, start; an error here closes the node."""
+
+    def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
+        """Tell /diagnostics how the node is."""
+        name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+
+
+def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
+    """Declare and return which robot or scene runs: a name or a path; another one can be set at run time."""
+    return declare_text(
+        node,
+        "robot",
+        default,
+        "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
+        read_only=False,
+    )
