@@ -36,7 +36,7 @@ def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_unt
 
     assert robot.set_parameters(overrides=MOVED) == (True, "")
     assert until(lambda: frames[-1].poses[base].position.y == pytest.approx(0.01))
-    assert json.loads(structures[-1].data)["overrides"] == MOVED
+    assert until(lambda: json.loads(structures[-1].data)["overrides"] == MOVED)
 
     for wrong, words in (
         ("joints: [{name: servo_0, bas: {}}]", "did you mean base"),
