@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from visualization_msgs.msg import MarkerArray
 
 from softsim_core.arrays import Array
 from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.view import ViewSettings
+from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.messages import read_point_cloud
 from softsim_ros.teleop.state import EffectorPose
 from softsim_ros.viewer.panel import Inbox
@@ -206,8 +206,13 @@ class Picture:
         others = tuple(each for each in self.view.hidden if each != part)
         self.change(hidden=(*others, part) if hidden else others)
 
+    def save_view(self, position: Sequence[float], target: Sequence[float]) -> None:
+        """Have `reset_view` go to this camera from now on; in [mm]."""
+        near, far = ([round(each / MM, 5) for each in point] for point in (position, target))
+        self.change(camera=Camera(position=(near[0], near[1], near[2]), target=(far[0], far[1], far[2])))
+
     def reset_view(self) -> None:
-        """Move every camera to where the scene's view says, or to where it sees the bodies."""
+        """Move every camera to where the view says, or to where it sees the bodies."""
         camera = self.view.camera
         if camera is None:
             position, target = camera_for(self.stage.surface.points)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.layers import LAYERS
 from softsim_ros.viewer.panel import Inbox, Shown
+from softsim_ros.viewer.saved_view import view_file
 from softsim_ros.viewer.surface import MM
 from softsim_ros.viewer.tuning import KILO
 
@@ -49,6 +50,8 @@ class ViewTab:
             stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, viewer.pull_stiffness)
             inbox.on_change(stiffness, viewer.set_pull_stiffness)
         inbox.on_click(gui.add_button("Reset view"), picture.reset_view)
+        save = gui.add_button("Save view", hint="a file, and where Reset view goes from now on")
+        save.on_click(partial(_save_view, inbox, viewer))
         gui.add_button("Save picture").on_click(save_picture)
 
     def refresh(self) -> None:
@@ -61,6 +64,21 @@ class ViewTab:
 
 def _switch(picture: Picture, layer: str, shown: bool) -> None:
     picture.change(**{layer: shown})
+
+
+async def _save_view(inbox: Inbox, viewer: Viewer, event: Any) -> None:
+    """Keep the camera of the browser that asked, and give it the view as a file."""
+    client = event.client
+    if client is None:
+        return
+    position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
+
+    def save() -> None:
+        viewer.picture.save_view(position, target)
+        text = view_file(viewer.robot, viewer.picture.view)
+        client.send_file_download(f"{viewer.robot.name}_view.yaml", text.encode(), save_immediately=True)
+
+    inbox.put(save)
 
 
 def save_picture(event: Any) -> None:

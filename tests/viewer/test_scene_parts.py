@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -10,8 +13,10 @@ pytest.importorskip("viser")
 from softsim_core import load_scene
 from softsim_core.errors import ConfigError
 from softsim_core.scene.overrides import Item, laid_over, override_at, read_overrides, write_overrides
+from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.viewer.part_panel import field_text, field_value
 from softsim_ros.viewer.properties import parts_of
+from softsim_ros.viewer.saved_view import view_file
 
 pytestmark = pytest.mark.ros
 
@@ -42,6 +47,20 @@ def test_every_field_can_be_laid_over_as_it_is_written(name: str) -> None:
         scene.rigid_bodies,
     )
     assert (again.contact, again.view, again.inverse) == (scene.contact, scene.view, scene.inverse)
+
+
+def test_a_saved_view_is_a_scene_that_shows_it(tmp_path: Path) -> None:
+    scene = load_scene("tripod_step_3")
+    camera = Camera(position=(0.1, -0.2, 0.3), target=(0.0, 0.0, 0.01))
+    view = replace(
+        scene.view, camera=camera, boxes=False, hidden=("attachments/fixing_box",), stress_top=2.0e3
+    )
+    file = tmp_path / "seen.yaml"
+    file.write_text(view_file(scene, view))
+    again = load_scene(file)
+    assert again.view == view
+    assert replace(again, source=scene.source, view=scene.view) == scene
+    assert view_file(load_scene("tripod_step_4_3"), ViewSettings(frames=True)) == "view: {frames: true}\n"
 
 
 def test_fields_are_written_on_one_line_as_in_a_file() -> None:
