@@ -54,21 +54,44 @@ def chromium() -> str:
 
 
 @pytest.fixture(scope="module")
-def station(
+def start_station(
     start_process: Callable[..., Any], client: Any, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Any, str]:
-    """The Tripod as `softsim up` runs it: simulator, bridge on a virtual board, inverse control, page."""
+) -> Callable[..., tuple[Any, str]]:
+    """Runs a robot or scene as `softsim up` does, with a page; returns it with the page's address."""
     pytest.importorskip("viser")
     from tcp_ports import free_port
 
-    port = free_port()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
-        process = start_process(
-            "softsim_ros.cli", "up", "tripod", "--headless", "--inverse", "--lite", "--port", str(port)
-        )
-    assert process.says("open http", BUILD_DEADLINE_S), process.output
-    return Robot(process, client), f"http://127.0.0.1:{port}/"
+    def start(name: str, *arguments: str) -> tuple[Any, str]:
+        port = free_port()
+        words = ("up", name, "--headless", "--lite", "--port", str(port), *arguments)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
+            process = start_process("softsim_ros.cli", *words)
+        assert process.says("open http", BUILD_DEADLINE_S), process.output
+        return Robot(process, client), f"http://127.0.0.1:{port}/"
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def station(start_station: Callable[..., tuple[Any, str]]) -> tuple[Any, str]:
+    """The Tripod with everything: simulator, bridge on a virtual board, inverse control, page."""
+    return start_station("tripod", "--inverse")
+
+
+@pytest.fixture(scope="module")
+def driven(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool]) -> Iterator[Any]:
+    """The page of the station, with what its robot says."""
+    from browser_page import BrowserPage
+    from driven_page import BODY, Driven
+
+    robot, address = station
+    page = BrowserPage(browser, address)
+    page.wait_for_node(BODY)
+    result = Driven(page, robot, spin_until)
+    assert result.shows("running")
+    yield result
+    page.close()
 
 
 @pytest.fixture(scope="module")

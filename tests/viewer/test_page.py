@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,9 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
-from geometry_msgs.msg import PoseStamped, WrenchStamped
-from lifecycle_msgs.srv import GetState
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
-from std_srvs.srv import SetBool
+from driven_page import BODY, HELD_MS, HIGH, MID, START, Driven
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import String
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -33,94 +30,6 @@ def create_scene(scene):
     def say(simulation, key):
         print(f"{key} was pressed")
 """
-
-BODY = "/bodies/silicone"
-START, MID, HIGH = -1.4965, -1.0466666666666667, -0.785
-WAIT_S = 60.0
-SETTLE_MS = 250
-HELD_MS = 1000
-"""A key pressed again later than this is not taken for one that is held down."""
-
-
-class Driven:
-    """The page together with what its robot says on its topics."""
-
-    def __init__(self, page: BrowserPage, robot: Any, spin_until: Callable[..., bool]) -> None:
-        self.page, self.robot, self._spin_until = page, robot, spin_until
-        client = robot.client
-        self.states = client.collect(JointState, "joint_states", 5)
-        self.commands = client.collect(Float64MultiArray, "position_controller/commands", 50)
-        self.goals = client.collect(PoseStamped, "effector_goal", 50)
-        self.wrenches = client.collect(WrenchStamped, "external_wrench", 50)
-        assert self.until(lambda: self.states)
-
-    def until(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, WAIT_S)
-
-    def soon(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, 4.0)
-
-    def shows(self, text: str) -> bool:
-        """Whether the page comes to show a text."""
-        self.page.page.get_by_text(text).first.wait_for(state="visible")
-        return True
-
-    def joints_at(self, *wanted: float) -> bool:
-        """Whether the joints come to stand still at these positions, and the page has heard of it."""
-
-        def there() -> bool:
-            state = self.states[-1]
-            near = all(abs(a - b) < 0.01 for a, b in zip(state.position, wanted, strict=True))
-            return near and max(map(abs, state.velocity)) < 0.01
-
-        found = self.until(there)
-        self.page.page.wait_for_timeout(SETTLE_MS)
-        return found
-
-    def commanded(self, before: int, *wanted: float) -> bool:
-        """Whether a command with these positions came after the first `before` ones."""
-
-        def came() -> bool:
-            return any(
-                all(abs(a - b) < 0.02 for a, b in zip(command.data, wanted, strict=True))
-                for command in self.commands[before:]
-            )
-
-        return self.until(came)
-
-    def bridge_state(self) -> str:
-        answer = self.robot.client.call(GetState, "servo_bridge/get_state")
-        return str(answer.current_state.label)
-
-    def to_start(self) -> None:
-        """Running, at the start pose; a command still on its way from the page ends the move, so again."""
-        for _ in range(3):
-            self.to_mid()
-            assert self.robot.trigger("start")[0]
-            if self.joints_at(START, START, START):
-                return
-        state = self.states[-1]
-        pytest.fail(f"at {state.position}, {state.velocity}\n{self.robot.process.output}")
-
-    def to_mid(self) -> None:
-        """Running, inverse control off, joints at the mid pose."""
-        assert self.robot.pause(False)[0]
-        off = self.robot.client.call(SetBool, "inverse_controller/enable", SetBool.Request(data=False))
-        assert off.success, off.message
-        assert self.shows("inverse off")
-        self.robot.command([MID] * 3)
-        assert self.joints_at(MID, MID, MID), self.robot.process.output
-
-
-@pytest.fixture(scope="module")
-def driven(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool]) -> Iterator[Driven]:
-    robot, address = station
-    page = BrowserPage(browser, address)
-    page.wait_for_node(BODY)
-    result = Driven(page, robot, spin_until)
-    assert result.shows("running")
-    yield result
-    page.close()
 
 
 def test_the_page_asks_nobody_else(driven: Driven, station: tuple[Any, str]) -> None:
@@ -181,49 +90,6 @@ def test_every_key_acts_with_ctrl_and_leaves_the_camera(driven: Driven) -> None:
     page.press("Control+r")
     assert driven.joints_at(0.0, 0.0, 0.0)
     assert page.page.evaluate(position) == pytest.approx(camera, abs=1e-6)
-
-
-def test_every_button_acts(driven: Driven) -> None:
-    page = driven.page
-    driven.to_mid()
-    page.tab("Drive")
-    at = [MID, MID, MID]
-    for label, joint, step in (
-        ("Ctrl+Up: servo 0 up", 0, 0.1),
-        ("Ctrl+Down: servo 0 down", 0, -0.1),
-        ("Ctrl+Left: servo 1 up", 1, 0.1),
-        ("Ctrl+Right: servo 1 down", 1, -0.1),
-        ("Ctrl+Plus: servo 2 up", 2, 0.1),
-        ("Ctrl+Minus: servo 2 down", 2, -0.1),
-    ):
-        at[joint] += step
-        page.click(label)
-        assert driven.joints_at(*at), label
-    for label, pose in (
-        ("Ctrl+Z: high pose", HIGH),
-        ("Ctrl+Q: mid pose", MID),
-        ("Ctrl+A: start pose", START),
-    ):
-        page.click(label)
-        assert driven.joints_at(pose, pose, pose), label
-    page.click("Run / pause")
-    assert driven.shows("paused")
-    stamp = driven.states[-1].position
-    page.click("Step")
-    assert driven.shows("done")
-    assert driven.states[-1].position is not stamp
-    page.click("Run / pause")
-    assert driven.shows("running")
-    page.click("Reset")
-    assert driven.joints_at(0.0, 0.0, 0.0)
-    page.click("Start / stop sending")
-    assert driven.until(lambda: driven.bridge_state() == "active")
-    page.click("E-STOP")
-    assert driven.shows("e-stop latched")
-    page.click("Release e-stop")
-    assert driven.shows("no e-stop")
-    page.click("Start / stop sending")
-    assert driven.until(lambda: driven.bridge_state() == "inactive")
 
 
 def test_sliders_command_joints_and_tune_the_material(driven: Driven) -> None:
