@@ -106,6 +106,9 @@ class Contacts:
         self.surfaces, self.settings, self.carriers = surfaces, settings, carriers
         self._soft = np.flatnonzero(weights.any(axis=1))
         self._nodes, self._weights = nodes[self._soft], weights[self._soft]
+        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # on nodes, not between them
+            heaviest = self._weights.argmax(axis=1)
+            self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self._carried = _carried(surfaces, nodes, weights, carriers, model)
         self._spheres = tuple(each for each in carriers if self._carried.radius[each.vertices].any())
         self._moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
@@ -115,11 +118,17 @@ class Contacts:
     def points(self, model: Model, state: State) -> Array:
         """Positions of the collision vertices in [m], shape (v, 3)."""
         points = np.zeros((len(self._carried.soft), 3))
-        points[self._soft] = np.einsum("vk,vki->vi", self._weights, state.positions[self._nodes])
+        points[self._soft] = self._followed(state.positions)
         for carrier in self.carriers:
             origin, rotation = _pose(carrier, model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
         return points
+
+    def _followed(self, nodal: Array) -> Array:
+        """What soft vertices take from the nodes' positions or velocities (n, 3), shape (soft, 3)."""
+        if self._nodes.ndim == 1:
+            return nodal[self._nodes]
+        return np.asarray(np.einsum("vk,vki->vi", self._weights, nodal[self._nodes]))
 
     def near(self, points: Array, reach: float) -> Proximities:
         """What is nearer than `reach` [m] for vertices at `points` (v, 3)."""
@@ -151,8 +160,8 @@ class Contacts:
         Soft vertices by their velocity at its start: in free motion cables let go, and everything flies.
         """
         likely = moved.copy()
-        likely[self._soft] = np.einsum("vk,vki->vi", self._weights, before.velocities[self._nodes]) * model.dt
-        squares = (likely**2).sum(axis=1)
+        likely[self._soft] = self._followed(before.velocities) * model.dt
+        squares = np.einsum("vi,vi->v", likely, likely)
         return np.sqrt(np.maximum.reduceat(squares, [each.vertices.start for each in self.surfaces]))
 
     def _rolled(self, model: Model, before: State, free: State) -> Array:

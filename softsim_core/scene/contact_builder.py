@@ -96,7 +96,7 @@ def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh
     surface = _chosen(replace(description, surface=None), whole)
     bound = embed(surface.points, body.mesh)
     weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
-    return surface, bound.nodes + body.nodes.start, weights
+    return surface, bound.nodes + body.nodes.start, weights / weights.sum(axis=1, keepdims=True)
 
 
 def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
