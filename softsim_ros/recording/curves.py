@@ -186,15 +186,22 @@ def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Cur
                     times.append(1e-9 * (stamp - bag.begin_ns))
                     values.append(value)
     return {
-        key: Curve(key, np.array(times), np.array(values), "line", colour)
+        key: Curve(_words(key), np.array(times), np.array(values), "line", colour)
         for colour, (key, (times, values)) in enumerate(points.items())
     }
 
 
+def _words(key: str) -> str:
+    """Name of a quantity as words; of a time without the unit, which the axis has."""
+    return key.removesuffix("_ms").replace("_", " ")
+
+
 def _from_diagnostics(bag: Bag, title: str, unit: str, component: str, keys: Sequence[str]) -> Chart:
-    curves = _diagnostics(bag, component, keys)
+    curves = list(_diagnostics(bag, component, keys).values())
+    if len(curves) == 1:  # the title says it
+        curves = [replace(curves[0], name="")]
     absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
-    return Chart(title, unit, tuple(curves.values()), sentence="" if curves else absent)
+    return Chart(title, unit, tuple(curves), sentence="" if curves else absent)
 
 
 def _residuals(bag: Bag) -> Chart:

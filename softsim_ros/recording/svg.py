@@ -13,6 +13,9 @@ from matplotlib.figure import Figure
 from softsim_ros.recording.curves import Chart, Curve
 
 SIZE_INCHES = (8.0, 2.6)
+FRAME = (0.10, 0.18, 0.69, 0.76)
+"""Left, bottom, width and height of every chart as shares of the picture: time runs alike in all."""
+
 MOST_POINTS = 2000
 """Points of a curve that are drawn; more make no finer picture and large files."""
 
@@ -30,9 +33,9 @@ def draw(chart: Chart, duration_s: float) -> str:
         chart: With at least one curve.
         duration_s: End of the time axis in [s]: charts of a report stand below one another.
     """
-    figure = Figure(figsize=SIZE_INCHES, layout="constrained")
+    figure = Figure(figsize=SIZE_INCHES)
     FigureCanvasSVG(figure)
-    axes = figure.add_subplot()
+    axes = figure.add_axes(FRAME)
     for curve in chart.curves:
         times, values = thinned(curve)
         axes.plot(

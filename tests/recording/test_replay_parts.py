@@ -39,6 +39,7 @@ def test_the_clock_runs_at_its_speed_stops_and_jumps() -> None:
         ("/tripod/joint_states", True),
         ("/tripod/inverse_controller/model_pose", True),
         ("/tripod/mesh/marker", False),
+        ("/tripod/step_profile", False),
         ("/tripod_2/joint_states", False),
         ("/diagnostics", True),
         ("/rosout", False),
