@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -24,7 +25,8 @@ from softsim_core.mesh.shapes import surface_of
 from softsim_core.scene.objects import Shape
 from softsim_core.scene.rigid_builder import RigidBody
 
-SIZE_PX = (640, 400)
+SIZE_PX, FILM_PX = (640, 400), (400, 250)
+FILM_COLOURS = 40
 LIGHT = np.array([0.35, -0.5, 0.79])
 SERVO_COLOUR, ARM_COLOUR = (0.15, 0.45, 0.75, 1.0), (0.95, 0.95, 0.95, 1.0)
 FORCE_MM_PER_N = 40.0
@@ -32,22 +34,27 @@ SHARP = np.cos(np.radians(25.0))
 """Edges between faces that turn by more are drawn."""
 
 
+def extent(simulation: Simulation, *, ghost: bool = False, hidden: Sequence[str] = ()) -> Array:
+    """Points in [mm] around all that `draw` shows, shape (k, 3)."""
+    outlines = list(_rest_outlines(simulation)) if ghost else []
+    cables = [1e3 * cable.points for cable in simulation.cables]
+    return np.concatenate([*_faces(simulation, hidden)[0], *outlines, *cables])
+
+
 def draw(
     simulation: Simulation,
-    file: Path,
-    text: dict[str, str],
+    around: Array,
     *,
     goal: Pose | None = None,
     ghost: bool = False,
     hidden: Sequence[str] = (),
     view: tuple[float, float] = (24.0, -60.0),
-) -> None:
-    """Write a PNG.
+) -> Image.Image:
+    """A picture.
 
     Args:
         simulation: What is drawn.
-        file: The picture.
-        text: Kept in the picture as text chunks.
+        around: Points in [mm] that it has to show, as large as it can, shape (k, 3); see `extent`.
         goal: Wanted pose of the effector, as a green cross.
         ghost: With the outline of the bodies at rest.
         hidden: Names of rigid bodies that are left out.
@@ -71,20 +78,40 @@ def draw(
         _lines(axes, arms, "tab:green", 2.5, 6)
     axes.view_init(*view)
     axes.set_axis_off()
-    cables = [1e3 * cable.points for cable in simulation.cables]
-    _fit(axes, np.concatenate([*faces, *outlines, *cables]))
-    _save(figure, file, text)
-    plt.close(figure)
-
-
-def _save(figure: plt.Figure, file: Path, text: dict[str, str]) -> None:
-    """Write it with few colours: a picture of 640 pixels stays below 80 kB."""
+    _fit(axes, around)
     figure.canvas.draw()
-    chunks = PngInfo()
-    for keyword, words in text.items():
-        chunks.add_text(keyword, words)
     image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+    plt.close(figure)
+    return image
+
+
+def save_picture(image: Image.Image, file: Path, keyword: str, state: Mapping[str, object]) -> None:
+    """Write a PNG of few colours, below 80 kB, that carries a state as text."""
+    chunks = PngInfo()
+    chunks.add_text(keyword, json.dumps(state))
     image.quantize(64, dither=Image.Dither.NONE).save(file, optimize=True, pnginfo=chunks)
+
+
+def save_film(
+    images: Sequence[Image.Image], file: Path, period_s: float, state: Mapping[str, object]
+) -> None:
+    """Write a GIF that runs for ever, a picture every `period_s` seconds; its comment carries a state."""
+    small = [image.resize(FILM_PX, Image.Resampling.LANCZOS) for image in images]
+    strip = Image.new("RGB", (FILM_PX[0], FILM_PX[1] * len(small)))
+    for number, image in enumerate(small):
+        strip.paste(image, (0, number * FILM_PX[1]))
+    palette = strip.quantize(FILM_COLOURS, dither=Image.Dither.NONE)
+    first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in small]
+    pauses = [round(1e3 * period_s)] * len(others) + [1000]
+    first.save(
+        file,
+        save_all=True,
+        append_images=others,
+        duration=pauses,
+        loop=0,
+        optimize=True,
+        comment=json.dumps(state).encode(),
+    )
 
 
 def _towards_camera(elevation_deg: float, azimuth_deg: float) -> Array:
@@ -94,10 +121,12 @@ def _towards_camera(elevation_deg: float, azimuth_deg: float) -> Array:
     )
 
 
-def _faces(simulation: Simulation, hidden: Sequence[str], camera: Array) -> tuple[list[Array], Array]:
+def _faces(
+    simulation: Simulation, hidden: Sequence[str], camera: Array | None = None
+) -> tuple[list[Array], Array]:
     """Triangles in mm and their shaded colours; everything in one list, so that near hides far.
 
-    Opaque faces that look away from the camera are left out.
+    Opaque faces that look away from a camera in this direction are left out.
     """
     points, triangles = 1e3 * simulation.visual_points(), simulation.visual_triangles
     corners = [points[triangles]]
@@ -113,7 +142,7 @@ def _faces(simulation: Simulation, hidden: Sequence[str], camera: Array) -> tupl
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     cosine = normals @ LIGHT / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
     paint[:, :3] *= (0.72 + 0.28 * cosine)[:, None]
-    seen = (paint[:, 3] < 1.0) | (normals @ camera > 0.0)
+    seen = np.ones(len(faces), bool) if camera is None else (paint[:, 3] < 1.0) | (normals @ camera > 0.0)
     return list(faces[seen]), paint[seen]
 
 

@@ -1,4 +1,4 @@
-"""Make the pictures of the tutorials from their scenes, or check that they show today's scenes.
+"""Make the pictures and films of the tutorials from their scenes, or check that they show today's scenes.
 
 From the checkout: `.softsim/venv/bin/python docs/tutorials/pictures.py` makes all, with names some.
 With `--check` it makes none: it runs the scenes to the same moments and compares the numbers kept in them.
@@ -10,6 +10,7 @@ import argparse
 import json
 import struct
 import sys
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,9 @@ KEYWORD = "Scene state"
 LENGTH_MM, TENSION_N = 1.0, 0.5
 """A picture is of today's scene when all lengths and tensions it carries are this near."""
 
+FRAME_S, MOST_FRAMES = 0.08, 36
+"""A film has a frame this often, in simulated time in [s], or more rarely where it is long."""
+
 
 @dataclass(frozen=True)
 class Shot:
@@ -43,6 +47,7 @@ class Shot:
         hidden: Rigid bodies that are left out.
         ghost: Draw the outline at rest, too.
         view: Elevation and azimuth of the camera in [deg].
+        film: With a film from the start to that moment.
     """
 
     scene: str
@@ -53,6 +58,17 @@ class Shot:
     hidden: tuple[str, ...] = ()
     ghost: bool = False
     view: tuple[float, float] = (24.0, -60.0)
+    film: bool = False
+
+    @property
+    def picture(self) -> Path:
+        """Where the moment is."""
+        return PICTURES / f"{self.scene}.png"
+
+    @property
+    def files(self) -> list[Path]:
+        """The picture, and the film where there is one."""
+        return [self.picture, self.picture.with_suffix(".gif")] if self.film else [self.picture]
 
 
 FINGER = (18.0, -20.0)
@@ -60,23 +76,32 @@ GRIPPER = (12.0, -25.0)
 SHOTS = (
     Shot("tripod_step_1", 0.05, ghost=True),
     Shot("tripod_step_2", 0.06, ghost=True),
-    Shot("tripod_step_3", 1.0, ghost=True),
+    Shot("tripod_step_3", 1.0, ghost=True, film=True),
     Shot("tripod_step_4_1", 1.0),
     Shot("tripod_step_4_2", 0.06),
-    Shot("tripod_step_4_3", 1.2),
-    Shot("tripod_step_5", 2.0, start=True, moves={0.5: (-1.0965, -1.4965, -1.4965)}),
-    Shot("tripod_step_6", 2.5, moves={1.5: (-1.0467, -1.0467, -1.0467)}, hidden=("table",)),
+    Shot("tripod_step_4_3", 1.2, film=True),
+    Shot("tripod_step_5", 2.0, start=True, moves={0.5: (-1.0965, -1.4965, -1.4965)}, film=True),
+    Shot("tripod_step_6", 2.5, moves={1.5: (-1.0467, -1.0467, -1.0467)}, hidden=("table",), film=True),
     Shot("tripod_step_7", 1.0),
-    Shot("tripod_step_8_1", 1.5, goal=((0.010, 0.0, 0.040), (0.0, 0.0, 0.0))),
-    Shot("tripod_step_8_2", 1.0, moves={0.0: (0.020, 0.0), 0.6: (0.020, -0.15)}, view=(40.0, -75.0)),
-    Shot("tripod_step_8_3", 2.0, start=True, goal=((0.0, 0.0, 0.045), (-0.15, 0.0, 0.0)), view=(35.0, -75.0)),
-    Shot("tripod_step_9", 1.5, goal=((0.0, 0.0, 0.045), (0.0, 0.25, 0.0))),
+    Shot("tripod_step_8_1", 1.5, goal=((0.010, 0.0, 0.040), (0.0, 0.0, 0.0)), film=True),
+    Shot(
+        "tripod_step_8_2", 1.0, moves={0.0: (0.020, 0.0), 0.6: (0.020, -0.15)}, view=(40.0, -75.0), film=True
+    ),
+    Shot(
+        "tripod_step_8_3",
+        2.0,
+        start=True,
+        goal=((0.0, 0.0, 0.045), (-0.15, 0.0, 0.0)),
+        view=(35.0, -75.0),
+        film=True,
+    ),
+    Shot("tripod_step_9", 1.5, goal=((0.0, 0.0, 0.045), (0.0, 0.25, 0.0)), film=True),
     Shot("gripper_step_1", 0.5),
     Shot("gripper_step_2", 0.06, ghost=True, view=FINGER),
-    Shot("gripper_step_2_2", 1.0, ghost=True, view=FINGER),
-    Shot("gripper_step_3", 1.5, ghost=True, moves={0.0: (0.010,)}, view=FINGER),
-    Shot("gripper_step_4", 2.0, ghost=True, moves={0.0: (0.030,)}, view=FINGER),
-    Shot("gripper_step_5", 2.0, moves={0.0: (0.008, 0.008, 0.008, 0.0, 0.0)}, view=GRIPPER),
+    Shot("gripper_step_2_2", 1.0, ghost=True, view=FINGER, film=True),
+    Shot("gripper_step_3", 1.5, ghost=True, moves={0.0: (0.010,)}, view=FINGER, film=True),
+    Shot("gripper_step_4", 2.0, ghost=True, moves={0.0: (0.030,)}, view=FINGER, film=True),
+    Shot("gripper_step_5", 2.0, moves={0.0: (0.008, 0.008, 0.008, 0.0, 0.0)}, view=GRIPPER, film=True),
     Shot(
         "gripper_step_0",
         4.5,
@@ -86,12 +111,13 @@ SHOTS = (
             3.0: (0.012, 0.012, 0.012, -0.02, 0.0),
         },
         view=GRIPPER,
+        film=True,
     ),
 )
 
 
-def played(shot: Shot) -> tuple[Simulation, Pose | None]:
-    """The simulation at the shot's moment, and the goal where there is one."""
+def play(shot: Shot) -> Iterator[tuple[Simulation, Pose | None]]:
+    """One simulation after each of its steps, the last at the shot's moment; the goal where there is one."""
     simulation = Simulation(load_scene(shot.scene))
     inverse = goal = None
     if shot.start:
@@ -110,7 +136,12 @@ def played(shot: Shot) -> tuple[Simulation, Pose | None]:
             inverse.tick(simulation.effector_pose)
             simulation.command(inverse.command)
         simulation.step()
-    return simulation, goal
+        yield simulation, goal
+
+
+def played(shot: Shot) -> tuple[Simulation, Pose | None]:
+    """The simulation at the shot's moment, and the goal where there is one."""
+    return deque(play(shot), maxlen=1)[0]
 
 
 def state_of(simulation: Simulation) -> dict[str, list[float]]:
@@ -125,7 +156,9 @@ def state_of(simulation: Simulation) -> dict[str, list[float]]:
 
 
 def kept_state(picture: Path) -> dict[str, list[float]] | None:
-    """The numbers a picture carries, or None."""
+    """The numbers a picture or film carries, or None."""
+    if picture.suffix == ".gif":
+        return _comment(picture.read_bytes())
     for kind, data in _chunks(picture.read_bytes()):
         keyword, _, text = data.partition(b"\0")
         if kind == b"tEXt" and keyword == KEYWORD.encode():
@@ -141,39 +174,66 @@ def _chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += 12 + length
 
 
-def difference(shot: Shot) -> str:
-    """What separates a picture from today's scene, in a sentence; empty where nothing does."""
-    picture = PICTURES / f"{shot.scene}.png"
-    remedy = f"make it with {Path(__file__).name} {shot.scene}"
+def _comment(gif: bytes) -> dict[str, list[float]] | None:
+    """The comment among the extensions before the first image: blocks of up to 255 bytes, a 0 at the end."""
+    at = 13 + (3 << (gif[10] % 8 + 1))  # after header and palette
+    while gif[at] == 0x21:
+        label, data, at = gif[at + 1], b"", at + 2
+        while length := gif[at]:
+            data, at = data + gif[at + 1 : at + 1 + length], at + 1 + length
+        if label == 0xFE:
+            return json.loads(data)
+        at += 1
+    return None
+
+
+def differences(shot: Shot) -> list[str]:
+    """What separates picture and film from today's scene, a sentence each."""
+    today = state_of(played(shot)[0])
+    return [sentence for file in shot.files if (sentence := difference(file, today))]
+
+
+def difference(picture: Path, today: dict[str, list[float]]) -> str:
+    """What separates a picture or film from today's state, in a sentence; empty where nothing does."""
+    remedy = f"make it with {Path(__file__).name} {picture.stem}"
     kept = kept_state(picture) if picture.is_file() else None
     if kept is None:
         return f"{picture.name} is missing, or carries no state; {remedy}"
-    today = state_of(played(shot)[0])
     for name, tolerance in (("lengths_mm", LENGTH_MM), ("tensions_n", TENSION_N)):
         if len(kept[name]) != len(today[name]) or not np.allclose(
             kept[name], today[name], rtol=0.0, atol=tolerance
         ):
             return (
-                f"{picture.name} does not show {shot.scene} of today: "
+                f"{picture.name} does not show {picture.stem} of today: "
                 f"{name} are {today[name]}, not {kept[name]}; {remedy}"
             )
     return ""
 
 
 def make(shot: Shot) -> None:
-    """Write the picture of a shot."""
-    from drawing import draw
+    """Write the picture of a shot, and its film where it has one."""
+    from drawing import draw, extent, save_film, save_picture
 
+    shown = {"ghost": shot.ghost, "hidden": shot.hidden}
     simulation, goal = played(shot)
-    draw(
-        simulation,
-        PICTURES / f"{shot.scene}.png",
-        {KEYWORD: json.dumps(state_of(simulation))},
-        goal=goal,
-        ghost=shot.ghost,
-        hidden=shot.hidden,
-        view=shot.view,
-    )
+    image = draw(simulation, extent(simulation, **shown), goal=goal, view=shot.view, **shown)
+    save_picture(image, shot.picture, KEYWORD, state_of(simulation))
+    if not shot.film:
+        return
+    every = round(max(FRAME_S, shot.seconds / MOST_FRAMES) / simulation.dt)
+    last = round(shot.seconds / simulation.dt)
+    chosen = set(range(last, 0, -every))
+    around = np.concatenate([extent(each, **shown) for step, (each, _) in _numbered(shot) if step in chosen])
+    images = [
+        draw(each, around, goal=goal, view=shot.view, **shown)
+        for step, (each, goal) in _numbered(shot)
+        if step in chosen
+    ]
+    save_film(images, shot.files[1], every * simulation.dt, state_of(simulation))
+
+
+def _numbered(shot: Shot) -> Iterator[tuple[int, tuple[Simulation, Pose | None]]]:
+    return enumerate(play(shot), start=1)
 
 
 def main() -> None:
@@ -184,7 +244,7 @@ def main() -> None:
     arguments = parser.parse_args()
     chosen = [shot for shot in SHOTS if not arguments.scenes or shot.scene in arguments.scenes]
     if arguments.check:
-        sys.exit("\n".join(filter(None, map(difference, chosen))) or 0)
+        sys.exit("\n".join(sentence for shot in chosen for sentence in differences(shot)) or 0)
     for shot in chosen:
         make(shot)
 

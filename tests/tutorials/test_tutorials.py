@@ -98,6 +98,9 @@ def test_every_step_has_a_finished_scene_a_start_version_and_a_picture(page: Pat
         run(str(scene))
     pictures = [page.parent / target for target in links(page) if target.endswith(".png")]
     assert all(picture.stat().st_size < 80_000 for picture in pictures)
+    films = [page.parent / target for target in links(page) if target.endswith(".gif")]
+    assert [film.stem for film in films] == [p.stem for p in pictures if p.with_suffix(".gif").is_file()]
+    assert all(film.stat().st_size < 200_000 for film in films)
 
 
 def test_every_start_version_belongs_to_a_page() -> None:
@@ -154,9 +157,19 @@ def test_the_reference_has_every_part_and_section() -> None:
 def test_the_pictures_show_the_scenes_of_today() -> None:
     pytest.importorskip("daqp")
     pictures = script("pictures")
-    shown = {shot.scene for shot in pictures.SHOTS}
-    assert shown == {file.stem for file in (TUTORIALS / "pictures").glob("*.png")}
-    assert not [sentence for sentence in map(pictures.difference, pictures.SHOTS) if sentence]
+    shown = {file for shot in pictures.SHOTS for file in shot.files}
+    assert shown == set((TUTORIALS / "pictures").iterdir())
+    assert not [sentence for shot in pictures.SHOTS for sentence in pictures.differences(shot)]
+
+
+def test_the_films_move() -> None:
+    image = pytest.importorskip("PIL.Image")
+    for film in (TUTORIALS / "pictures").glob("*.gif"):
+        with image.open(film) as frames:
+            assert frames.n_frames > 5, film.name
+            first = np.asarray(frames.convert("RGB"), dtype=float)
+            frames.seek(frames.n_frames - 1)
+            assert np.abs(np.asarray(frames.convert("RGB")) - first).max() > 100.0, film.name
 
 
 @pytest.mark.ros
