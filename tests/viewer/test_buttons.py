@@ -177,6 +177,7 @@ ELSEWHERE: Final = {
     "Show properties": "test_scene_page.py",
     "Apply changes": "test_scene_page.py",
     "Forget changes": "test_scene_page.py",
+    "Save view": "test_scene_page.py",
 }
 """Buttons whose effect another file tests; some are there only at times."""
 
