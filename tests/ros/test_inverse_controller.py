@@ -52,6 +52,15 @@ class Control:
         message.pose.orientation.w = 1.0
         self.client.publish("effector_goal", message)
 
+    def is_refused(self, sentence: str, *goal: Any) -> bool:
+        """Give a goal until a sentence refuses it; another warning may throttle the first."""
+
+        def says() -> bool:
+            self.goal(*goal)
+            return bool(self.process.says(sentence, 1.5))
+
+        return bool(self.spin_until(says))
+
     @property
     def effector(self) -> np.ndarray:
         place = self.poses[-1].pose.position
@@ -141,12 +150,7 @@ def test_a_goal_that_makes_no_sense_is_refused(control: Control, goal: Any, sent
     assert control.enable()[0]
     assert control.spin_until(lambda: len(control.commands) > 10)
     before = control.effector
-
-    def is_refused() -> bool:  # warnings are throttled: another one may come in the way
-        control.goal(*goal)
-        return control.process.says(sentence, 1.5)
-
-    assert control.spin_until(is_refused), control.process.output
+    assert control.is_refused(sentence, *goal), control.process.output
     seen = len(control.commands)
     assert control.spin_until(lambda: len(control.commands) > seen + 30)
     assert np.linalg.norm(control.effector - before) < 0.5e-3
@@ -170,8 +174,7 @@ def test_disabled_the_topic_is_free_and_goals_are_ignored(control: Control) -> N
     assert control.spin_until(lambda: len(control.commands) > 10)
     assert control.enable(False) == (True, "off: the command topic is free")
     assert control.is_quiet()
-    control.goal(0.0, 0.0, 0.03)
-    assert control.process.says("goal ignored: inverse control is off")
+    assert control.is_refused("goal ignored: inverse control is off", 0.0, 0.0, 0.03)
     assert control.is_quiet()
     control.tripod.command([-1.2, -1.2, -1.2])
     assert control.spin_until(lambda: abs(control.states[-1].position[0] + 1.2) < 1e-3)
