@@ -73,6 +73,14 @@ class BrowserPage:
         words = self.page.locator("label").get_by_text(label, exact=True)
         return words.locator("xpath=../../..").locator("input[type=text]")
 
+    def choose(self, label: str, option: str) -> None:
+        """Choose from a list that opens."""
+        words = self.page.locator("label").get_by_text(label, exact=True)
+        field = words.locator("xpath=../../..").get_by_role("combobox")
+        field.click()
+        field.fill(option)
+        self.page.get_by_role("option", name=option, exact=True).click()
+
     def set_number(self, label: str, value: float) -> None:
         """Type a number into the field of a slider."""
         field = self.number(label)

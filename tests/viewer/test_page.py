@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
-from driven_page import BODY, HELD_MS, HIGH, MID, START, Driven
+from driven_page import BODY, HELD_MS, HIGH, MID, SETTLE_MS, START, Driven
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import String
 
@@ -112,50 +113,82 @@ def test_sliders_command_joints_and_tune_the_material(driven: Driven) -> None:
         assert driven.robot.set_parameters(**{parameter: before}) == (True, "")
 
 
-def test_a_dragged_goal_arrives_on_its_topic_and_the_robot_follows(driven: Driven) -> None:
-    page = driven.page
-    driven.to_start()  # the servos slide in: there the robot does not snap through
+@pytest.fixture
+def inverse(driven: Driven) -> Iterator[None]:
+    """Inverse control, switched on by its key in a pose where the robot does not snap through."""
+    driven.to_start()  # the servos slide in
     driven.to_mid()
-    page.page.wait_for_timeout(HELD_MS)
-    page.press("Control+i")
+    driven.page.page.wait_for_timeout(HELD_MS)
+    driven.page.press("Control+i")
     assert driven.shows("inverse on")
-    page.wait_for_node("/goal/ball")
-    before = len(driven.goals)
+    driven.page.wait_for_node("/goal/ball")
+    yield
+    driven.page.page.wait_for_timeout(HELD_MS)
+    driven.page.press("Control+i")
+    assert driven.shows("inverse off")
+    driven.page.wait_until_gone("/goal/ball")
+
+
+def drag_goal(driven: Driven, start: tuple[float, float, float], end: tuple[float, float, float]) -> Any:
+    """The newest goal after a drag from and to places beside the goal's middle in mm; also that middle."""
+    page, before = driven.page, len(driven.goals)
     for _ in range(5):  # a page that is late with a picture lets the mouse pass beside the handle
         center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
-        x, y, z = center
-        page.drag(page.screen((x, y, z + 18.0)), page.screen((x, y, z + 14.0)))
+        first, last = (tuple(c + d for c, d in zip(center, off, strict=True)) for off in (start, end))
+        page.drag(page.screen(first), page.screen(last))
         page.release()
         if driven.soon(lambda: len(driven.goals) > before):
-            break
-    assert len(driven.goals) > before
-    goal = driven.goals[-1].pose.position
-    assert 1e3 * goal.z == pytest.approx(z - 4.0, abs=2.0)
+            return driven.goals[-1].pose, center
+    return pytest.fail("no goal came")
+
+
+def test_a_dragged_goal_arrives_on_its_topic_and_the_robot_follows(driven: Driven, inverse: None) -> None:
+    goal, (_, _, z) = drag_goal(driven, (0.0, 0.0, 18.0), (0.0, 0.0, 14.0))
+    assert 1e3 * goal.position.z == pytest.approx(z - 4.0, abs=2.0)
     poses = driven.robot.client.collect(PoseStamped, "effector_pose", 5)
-    assert driven.until(lambda: poses and abs(poses[-1].pose.position.z - goal.z) < 5e-4)
-    page.page.wait_for_timeout(HELD_MS)
-    page.press("Control+i")
-    assert driven.shows("inverse off")
-    page.wait_until_gone("/goal/ball")
+    assert driven.until(lambda: poses and abs(poses[-1].pose.position.z - goal.position.z) < 5e-4)
 
 
-def test_shift_drag_pulls_the_body(driven: Driven) -> None:
-    page = driven.page
+def test_a_turned_goal_has_another_orientation(driven: Driven, inverse: None) -> None:
+    radius, turn = 16.25, math.radians(15.0)  # of the handle's arcs
+    start, end = (
+        (radius * math.cos(angle), 0.0, radius * math.sin(angle))
+        for angle in (math.pi / 4, math.pi / 4 - turn)
+    )
+    q = drag_goal(driven, start, end)[0].orientation
+    assert 2.0 * math.asin(abs(q.y)) == pytest.approx(turn, abs=math.radians(5.0))
+    assert math.hypot(q.x, q.z) < 0.2 * abs(q.y)
+
+
+@pytest.mark.parametrize("mode", ["shift", "switch"])
+def test_a_drag_pulls_the_body(driven: Driven, mode: str) -> None:
+    page, shift = driven.page, mode == "shift"
     driven.to_mid()
+    if not shift:
+        page.tab("View")
+        page.tick("Drag pulls (as Shift + drag)")
+        page.page.wait_for_timeout(SETTLE_MS)
     vertices = page.vertices(BODY)
     points = list(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True))
     arm = [point for point in points if 12.0 < math.hypot(*point[:2]) < 20.0 and point[0] > 0.0]
     grip = page.screen(max(arm, key=lambda point: point[2]))
-    page.drag((grip[0], grip[1] + 2.0), (grip[0], grip[1] - 60.0), shift=True)
-    assert driven.until(lambda: len(driven.wrenches) > 10)
+    before = len(driven.wrenches)
+    page.drag((grip[0], grip[1] + 2.0), (grip[0], grip[1] - 60.0), shift=shift)
+    assert driven.until(lambda: len(driven.wrenches) > before + 10)
     last = driven.wrenches[-1]
-    page.release(shift=True)
+    page.release(shift=shift)
     assert last.header.frame_id.startswith("mesh_point/")
     assert last.wrench.force.z > 0.1  # upwards, as the mouse went
     page.page.wait_for_timeout(500)
     count = len(driven.wrenches)
     page.page.wait_for_timeout(500)
     assert len(driven.wrenches) == count  # let go
+    if not shift:
+        page.tick("Drag pulls (as Shift + drag)")
+        page.drag((grip[0], grip[1] + 2.0), (grip[0] + 20.0, grip[1] - 20.0))
+        page.release()
+        assert len(driven.wrenches) == count  # it turns the camera again
+        page.click("Reset view")
 
 
 def test_two_browsers_agree(driven: Driven, browser: Any, station: tuple[Any, str]) -> None:
@@ -229,9 +262,13 @@ def test_time_and_stages_are_told_and_the_slowest_step_is_found(driven: Driven) 
 
 def test_another_scene_takes_its_place_and_the_tripod_comes_back(driven: Driven) -> None:
     page = driven.page
-    assert driven.robot.set_parameters(robot="parts/servo") == (True, "")
+    page.tab("Scene")
+    page.choose("Robot or scene", "parts/servo")
+    assert driven.until(lambda: driven.robot.get_parameter("robot") == "parts/servo")
     page.wait_until_gone(BODY)
-    assert driven.robot.set_parameters(robot="tripod") == (True, "")
+    page.tab("Scene")
+    page.choose("Robot or scene", "tripod")
+    assert driven.until(lambda: driven.robot.get_parameter("robot") == "tripod")
     page.wait_for_node(BODY)
     driven.to_mid()
 
