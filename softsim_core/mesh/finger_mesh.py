@@ -10,21 +10,18 @@ names.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
 from softsim_core.mesh.generators import extrude
+from softsim_core.mesh.level_files import write_mesh_files
 from softsim_core.mesh.planar import flip_to_delaunay, smooth, stitch
-from softsim_core.mesh.surface import boundary_surface
 from softsim_core.mesh.types import TetMesh
-from softsim_core.mesh.writers import write_surface, write_tets
 from softsim_core.units import MILLIMETRE
 
 WIDTH = 15.0 * MILLIMETRE
@@ -127,26 +124,11 @@ def _stations(divisions: int) -> Iterator[tuple[float, float]]:
         yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
 
 
-def write_levels(folder: Path) -> list[Path]:
-    """Write finger_LEVEL.vtk (tetrahedra) and finger_LEVEL.stl (boundary), in metres; return the paths."""
-    written = []
-    for level, divisions in LEVELS.items():
-        mesh = finger(divisions, f"finger_{level}")
-        written.append(write_tets(folder / f"finger_{level}.vtk", mesh))
-        written.append(write_surface(folder / f"finger_{level}.stl", boundary_surface(mesh)))
-    return written
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line: write the finger's meshes into a folder."""
-    parser = argparse.ArgumentParser(prog="python -m softsim_core.mesh.finger_mesh", description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("configs/meshes"), help="folder to write into")
-    folder: Path = parser.parse_args(arguments).out
-    try:
-        write_levels(folder)
-    except MeshError as error:
-        parser.exit(1, f"{error}\n")
-    return 0
+    """Command line: write the finger's meshes into a folder; returns the exit code."""
+    meshes = (finger(divisions, f"finger_{level}") for level, divisions in LEVELS.items())
+    description = "Write the finger's meshes into a folder."
+    return write_mesh_files("softsim_core.mesh.finger_mesh", description, meshes, arguments)
 
 
 if __name__ == "__main__":

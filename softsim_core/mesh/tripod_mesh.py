@@ -10,21 +10,18 @@ names.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
 from softsim_core.mesh.generators import extrude
+from softsim_core.mesh.level_files import write_mesh_files
 from softsim_core.mesh.planar import flip_to_delaunay, smooth, stitch
-from softsim_core.mesh.surface import boundary_surface
 from softsim_core.mesh.types import TetMesh
-from softsim_core.mesh.writers import write_surface, write_tets
 from softsim_core.units import MILLIMETRE
 
 ARM_HALF_WIDTH = 15.0 * MILLIMETRE
@@ -185,26 +182,11 @@ def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray,
     return copies[first[order]], merged[all_faces], first[order] % len(points)
 
 
-def write_levels(folder: Path) -> list[Path]:
-    """Write tripod_LEVEL.vtk (tetrahedra) and tripod_LEVEL.stl (boundary), in metres; return the paths."""
-    written = []
-    for level, (divisions, layers) in LEVELS.items():
-        mesh = tripod_silicone(divisions, layers, f"tripod_{level}")
-        written.append(write_tets(folder / f"tripod_{level}.vtk", mesh))
-        written.append(write_surface(folder / f"tripod_{level}.stl", boundary_surface(mesh)))
-    return written
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line: write the Tripod's meshes into a folder."""
-    parser = argparse.ArgumentParser(prog="python -m softsim_core.mesh.tripod_mesh", description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("configs/meshes"), help="folder to write into")
-    folder: Path = parser.parse_args(arguments).out
-    try:
-        write_levels(folder)
-    except MeshError as error:
-        parser.exit(1, f"{error}\n")
-    return 0
+    """Command line: write the Tripod's meshes into a folder; returns the exit code."""
+    meshes = (tripod_silicone(*size, f"tripod_{level}") for level, size in LEVELS.items())
+    description = "Write the Tripod's meshes into a folder."
+    return write_mesh_files("softsim_core.mesh.tripod_mesh", description, meshes, arguments)
 
 
 if __name__ == "__main__":
