@@ -16,6 +16,7 @@ from softsim_core.actuation.cable import Cables, CableView, no_cables
 from softsim_core.actuation.limits import check_command
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.dynamics.bases import MovableBases
 from softsim_core.dynamics.contact_step import NOTHING, ContactReport, ContactStepper
 from softsim_core.dynamics.drive import JointDrive
 from softsim_core.dynamics.scipy_step import ScipyStepper
@@ -58,6 +59,7 @@ class Simulation:
         self._state = self.model.rest_state()
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(scene)
+        self._bases = MovableBases(self.model.joints)
         self.forces = np.zeros_like(self.model.rest)
         self._steps = 0
         self._step_time = self._controllers_time = 0.0
@@ -116,6 +118,8 @@ class Simulation:
             speed = math.nan
         if not speed < RUNAWAY_SPEED:  # also catches NaN
             self._refuse_step()
+        if self._bases.advance(self.dt):
+            self.model.place_zones(self._state)
         self._steps += 1
         stepped = perf_counter()
         for controller in self.scene.controllers:
@@ -194,6 +198,17 @@ class Simulation:
     def base_shift(self, shift: float) -> None:
         self._drive.shift_bases(shift)
 
+    def move_base(self, joint: str, position: Sequence[float] | Array) -> None:
+        """Have the base of a joint go to a position (3,) in [m], in the frame of JointDescription.base.
+
+        It goes there at a hand's pace, see bases.SPEED, and what is attached to the joint goes along; `reset`
+        takes it back. `base_shift` comes on top.
+
+        Raises:
+            CommandError: no such joint, a cable's, or not finite; nothing is changed.
+        """
+        self._bases.move(joint, position)
+
     def start_animation(self) -> None:
         """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.
 
@@ -264,18 +279,20 @@ class Simulation:
         """
         shapes: list[tuple[int, ...]] = [array.shape for array in self._saved()]
         *saved, memory = unpack(data, self._header, [*shapes[:-1], (-1, MEMORY)])
-        state, forces, lame, numbers, *drive = saved
+        state, forces, lame, numbers, bases, *drive = saved
         self._state.memory = memory
         self._state.buffer[:] = state
         self.forces[:] = forces
         self.parameters.lame = lame
         self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass = numbers[1:].tolist()
         self._steps = int(numbers[0])
+        self._bases.restore(bases)
         self._drive.restore(*drive)
         self._forget_contacts()
 
     def reset(self) -> None:
         """Back to the start of the scene, with the parameters as they are tuned now."""
+        self._bases.reset()
         self._state.copy_from(self.model.rest_state())
         self._drive.reset()
         self._steps = 0
@@ -329,6 +346,7 @@ class Simulation:
             self.forces,
             parameters.lame,
             numbers,
+            self._bases.state(),
             *self._drive.state(),
             self._state.memory,
         ]

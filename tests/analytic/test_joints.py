@@ -10,6 +10,7 @@ from closed_forms import torsion_pendulum_angle, weight_torque
 from small_scenes import GRAVITY, body, scene, slab
 
 from softsim_core import Simulation, load_scene
+from softsim_core.dynamics.bases import SPEED
 from softsim_core.dynamics.statics import solve_static
 from softsim_core.dynamics.stepper import Inputs
 from softsim_core.mechanics.pose import rotation_exp, rotation_log, rotation_of
@@ -124,6 +125,26 @@ def test_base_shift_carries_the_zone_along(backend: Backend) -> None:
     np.testing.assert_allclose(
         sim.positions - before, np.broadcast_to([0.03, 0.0, 0.0], before.shape), atol=1e-9
     )
+    np.testing.assert_allclose(sim.joint_efforts, effort, rtol=1e-6)
+
+
+def test_a_moved_base_carries_the_whole_arm_along(backend: Backend) -> None:
+    sim = settled(Simulation(arm(0.0, None), backend=backend))
+    before, effort = sim.positions, sim.joint_efforts
+    way = np.array([0.01, -0.004, 0.006])
+    sim.move_base("hinge", way)
+    sim.step()
+    np.testing.assert_allclose(np.linalg.norm(sim.frames()["hinge"].position), SPEED * sim.dt)
+    root = np.flatnonzero(sim.model.zone_of_node >= 0)
+    for _ in range(round(np.linalg.norm(way) / (SPEED * sim.dt)) + 1):
+        sim.step()
+        origin = sim.frames()["hinge"].position
+        np.testing.assert_allclose(
+            sim.positions[root] - before[root], origin + 0.0 * before[root], atol=1e-12
+        )
+    np.testing.assert_array_equal(sim.frames()["hinge"].position, way)
+    settled(sim)
+    np.testing.assert_allclose(sim.positions - before, way + 0.0 * before, atol=1e-9)
     np.testing.assert_allclose(sim.joint_efforts, effort, rtol=1e-6)
 
 

@@ -156,6 +156,7 @@ class NumbaStepper:
     def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
         """See Stepper."""
         model, data = self.model, self._prepared
+        self._take_bases()
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
         motion = _motion(state)
@@ -231,6 +232,7 @@ class NumbaStepper:
         model, data = self.model, self._prepared
         if self._polar:
             self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
+            self._take_bases()
             motion = _motion(state)
             loads = forces + self._weight
             if self._soft:
@@ -248,6 +250,11 @@ class NumbaStepper:
                 return stiffness, self._spread[first : first + border, self._column], compliance
         # no Cholesky factor: a law without symmetric tangent, or a state on its way that is not stable
         return ScipyStepper(model, self.cables).border_response(state, parameters, forces, rows)
+
+    def _take_bases(self) -> None:
+        """Take over where the bases of the model's joints are; they may have been moved."""
+        for place, joint in zip(self._prepared.border.base_position, self.model.joints, strict=True):
+            place[:] = joint.base_position
 
     def _respond(self, rows: Rows, motion: Motion) -> Array:
         """H A^-1 H^T with the border held, (r, r); leaves Y and what reaches the border in self._spread."""
