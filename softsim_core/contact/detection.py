@@ -47,8 +47,10 @@ class Detector:
     """Finds where surfaces come close.
 
     Each contact is a local minimum of the distance: a vertex against a face, an edge or a vertex, or two
-    edges. A vertex of one surface that lies inside the other, by up to half the reach and with its own
-    surface facing the face it went through, gives a negative distance along that face's outward normal.
+    edges; and, so that a sphere may lie in a dent, every vertex of a deformable surface that is hardly
+    farther from it than the contact distance. A vertex of one surface that lies inside the other, by up to
+    half the reach and with its own surface facing the face it went through, gives a negative distance along
+    that face's outward normal.
 
     Args:
         surfaces: The surfaces, over disjoint ranges of the vertices.
@@ -64,7 +66,7 @@ class Detector:
     ) -> None:
         self.surfaces = surfaces
         self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
-        self._least_rest = settings.contact_distance
+        self._contact_distance = settings.contact_distance
         self._topology = build_topology(surfaces, self._rest)
         self._boxes = allocate(self._topology)
         self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
@@ -82,7 +84,15 @@ class Detector:
         while True:
             near, found = self._near, self._found
             needed = sweep(
-                points, self._rest, reach, travel, self._least_rest, self._topology, self._boxes, near, found
+                points,
+                self._rest,
+                reach,
+                travel,
+                self._contact_distance,
+                self._topology,
+                self._boxes,
+                near,
+                found,
             )
             if needed <= len(found.distance):
                 break

@@ -1,40 +1,86 @@
-"""Whether a point of one surface lies inside another, at any depth: for the start of a scene."""
+"""Which surfaces overlap, at any depth: for the start of a scene."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from softsim_core.arrays import Array, BoolArray
+from softsim_core.contact.crossing import surfaces_cross
 from softsim_core.contact.surfaces import CollisionSurface, may_meet
 
+TOUCH = 1.0e-9
+"""Surfaces that overlap by less than this in [m] only touch."""
 _CHUNK = 1 << 18
+_WITHIN = 1.0e-7
+"""How deep in [m] behind its triangles a surface is looked for inside another one."""
 
 
-def first_inside(surfaces: tuple[CollisionSurface, ...], points: Array) -> tuple[int, int] | None:
-    """Numbers of a surface with a vertex inside another one, and of that other one; or None.
+def first_overlap(surfaces: tuple[CollisionSurface, ...], points: Array) -> tuple[int, int] | None:
+    """Numbers of two surfaces of different bodies that cross, or the first of which lies inside the second.
+
+    None where there are none; surfaces that only touch do not overlap. Inside is where all surfaces of a body
+    together close it in: behind an open surface there is no inside.
 
     Args:
         surfaces: Surfaces over the vertices.
         points: Vertex positions in [m], shape (v, 3).
     """
-    for b, outer in enumerate(surfaces):
-        for a, inner in enumerate(surfaces):
-            if outer.closed and inner.owner != outer.owner and may_meet(inner, outer):
-                corners = points[outer.triangles]
-                if inside(points[inner.vertices], corners, points[outer.vertices], outer.radius).any():
-                    return a, b
+    for i, a in enumerate(surfaces):
+        for j, b in enumerate(surfaces[:i]):
+            if a.owner != b.owner and may_meet(a, b) and _cross(a, b, points):
+                return j, i
+    for i, a in enumerate(surfaces):
+        probes = _probes(a, points)
+        for j, b in enumerate(surfaces):
+            if a.owner == b.owner or b.radius > 0.0 or not may_meet(a, b):
+                continue
+            shell = np.concatenate([each.triangles for each in surfaces if each.owner == b.owner])
+            if _enclosed(probes, points[shell]).any():
+                return i, j
     return None
 
 
-def inside(points: Array, corners: Array, vertices: Array, radius: float) -> BoolArray:
-    """Which points (p, 3) lie inside closed triangles (k, 3, 3), or in the sphere about its vertex."""
-    if radius > 0.0:
-        return np.asarray(((points - vertices[0]) ** 2).sum(axis=1) < radius**2)
+def _cross(a: CollisionSurface, b: CollisionSurface, points: Array) -> bool:
+    """Whether two surfaces cross; a sphere counts as solid."""
+    if a.radius > 0.0 and b.radius > 0.0:
+        apart = float(np.linalg.norm(points[a.vertices] - points[b.vertices]))
+        return apart < a.radius + b.radius - TOUCH
+    if a.radius > 0.0 or b.radius > 0.0:
+        ball, other = (a, b) if a.radius > 0.0 else (b, a)
+        return _distance(points[ball.vertices][0], points[other.triangles]) < ball.radius - TOUCH
+    return surfaces_cross(points[a.triangles], points[b.triangles])
+
+
+def _distance(point: Array, corners: Array) -> float:
+    """Distance in [m] of a point (3,) to triangles (k, 3, 3)."""
+    along = np.roll(corners, -1, axis=1) - corners
+    off = point - corners
+    share = np.clip((off * along).sum(axis=2) / (along * along).sum(axis=2), 0.0, 1.0)
+    to_edges = np.linalg.norm(off - share[..., None] * along, axis=2).min(axis=1)
+    normals = np.cross(along[:, 0], along[:, 1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    over = ((np.cross(along, off) * normals[:, None]).sum(axis=2) >= 0.0).all(axis=1)
+    return float(np.where(over, np.abs((off[:, 0] * normals).sum(axis=1)), to_edges).min())
+
+
+def _probes(surface: CollisionSurface, points: Array) -> Array:
+    """A point close behind each triangle, or the centre of a sphere, shape (p, 3)."""
+    if surface.radius > 0.0:
+        return np.asarray(points[surface.vertices])
+    corners = points[surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(corners.mean(axis=1) - _WITHIN * normals)
+
+
+def _enclosed(points: Array, corners: Array) -> BoolArray:
+    """Which points (p, 3) lie inside closed triangles (k, 3, 3)."""
     result = np.zeros(len(points), dtype=bool)
-    near = np.flatnonzero(((points > vertices.min(axis=0)) & (points < vertices.max(axis=0))).all(axis=1))
-    step = max(1, _CHUNK // max(1, len(corners)))
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+    step = max(1, _CHUNK // len(corners))
     for some in np.split(near, range(step, len(near), step)):
-        result[some] = np.abs(_winding(points[some], corners)) > 0.9  # on a face 0.5
+        result[some] = np.abs(_winding(points[some], corners)) > 0.999  # less where there are holes
     return result
 
 

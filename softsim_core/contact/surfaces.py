@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.crossing import self_crossing
 from softsim_core.errors import SceneError
 from softsim_core.mesh.surface import is_closed
-
-_CHUNK = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -24,6 +23,7 @@ class CollisionSurface:
         groups: Names of the groups it belongs to.
         owner: Number of the body it belongs to.
         moving: Whether it can move; two surfaces that cannot never meet.
+        soft: Whether it deforms: a sphere may press a dent into it.
         radius: Radius in [m] of a sphere; 0 for triangles.
         closed: Whether the triangles enclose a volume; worked out.
     """
@@ -34,6 +34,7 @@ class CollisionSurface:
     groups: frozenset[str] = frozenset()
     owner: int
     moving: bool = True
+    soft: bool = False
     radius: float = 0.0
     closed: bool = field(init=False)
 
@@ -74,46 +75,10 @@ def check_surface(points: Array, triangles: IndexArray, name: str, *, closed: bo
             f"surface {name}: it is open or its triangles are turned unevenly; a body with mass needs a "
             "closed surface, so close its holes and turn all triangles outward"
         )
-    crossing = _first_crossing(corners, triangles)
+    crossing = self_crossing(corners, triangles)
     if crossing is not None:
         where = ", ".join(f"{x:.4g}" for x in corners[crossing[0]].mean(axis=0))
         raise SceneError(
             f"surface {name}: triangles {crossing[0]} and {crossing[1]} cross each other near ({where}) m; "
             "repair the mesh so that the surface does not cross itself"
         )
-
-
-def _first_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:
-    """Two triangles without a common vertex that cross, or None."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    for start in range(0, len(triangles), _CHUNK):
-        end = start + _CHUNK
-        near = np.ones((len(low[start:end]), len(low)), dtype=bool)
-        for axis in range(3):
-            near &= low[start:end, axis, None] <= high[:, axis]
-            near &= high[start:end, axis, None] >= low[:, axis]
-        first, second = np.nonzero(near)
-        first += start
-        apart = (triangles[first][:, :, None] != triangles[second][:, None, :]).all(axis=(1, 2))
-        first, second = first[apart], second[apart]
-        hit = np.flatnonzero(_edges_cross(corners[first], corners[second]))
-        if len(hit):
-            return int(first[hit[0]]), int(second[hit[0]])
-    return None
-
-
-def _edges_cross(edges_of: Array, faces: Array) -> BoolArray:
-    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3)."""
-    a, b, c = faces[:, None, 0], faces[:, None, 1], faces[:, None, 2]
-    start, end = edges_of, np.roll(edges_of, -1, axis=1)
-    sides = _volume(a, b, c, start) * _volume(a, b, c, end)
-    turns = np.stack(
-        [_volume(start, end, a, b), _volume(start, end, b, c), _volume(start, end, c, a)], axis=-1
-    )
-    through = (turns > 0.0).all(axis=-1) | (turns < 0.0).all(axis=-1)
-    return np.asarray(((sides < 0.0) & through).any(axis=1))
-
-
-def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Six times the signed volume of tetrahedra (..., 3)."""
-    return np.asarray(np.sum(np.cross(b - a, c - a) * (d - a), axis=-1))

@@ -8,12 +8,15 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.boxes import Boxes, apart, beyond, outside, refit, segments_apart, surface_boxes
 from softsim_core.contact.compile import kernel
 from softsim_core.contact.found import Found, Near, mixed, move
-from softsim_core.contact.narrow import meet_edges, meet_spheres, meet_vertices
+from softsim_core.contact.narrow import meet_edges, meet_vertices
+from softsim_core.contact.spheres import meet_corners, meet_spheres
 from softsim_core.contact.topology import Topology
 from softsim_core.contact.vectors import dot, minus
 
 _SAME = 1.0e-9
 """Contacts of a vertex whose points differ by less than this in [m] are one."""
+_CLOSE = 1.5
+"""Vertices of a dent meet a sphere from this many contact distances on, and what may move in the step."""
 
 
 @kernel
@@ -22,7 +25,7 @@ def sweep(
     rest_points: Array,
     alarm: float,
     travel: Array,
-    least_rest: float,
+    contact_distance: float,
     topology: Topology,
     boxes: Boxes,
     near: Near,
@@ -35,7 +38,8 @@ def sweep(
         rest_points: The same at rest.
         alarm: Largest distance in [m] of surfaces that stand still.
         travel: What each surface adds to it in [m], shape (s,).
-        least_rest: Two points of one body count only if they are farther apart than this at rest, in [m].
+        contact_distance: Gap in [m] at rest. Two points of one body count only if they are farther apart than
+            this in the rest shape.
         topology: What stays the same.
         boxes: Overwritten.
         near: Overwritten.
@@ -67,11 +71,13 @@ def sweep(
             if needed > near.vertices.shape[0]:
                 return int(needed)
             meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+            close = min(reach, reach - alarm + _CLOSE * contact_distance)
+            meet_corners(sa, sb, close, points, topology, boxes, near, found)
             meet_edges(sa, sb, reach, points, topology, boxes, near, found)
         needed = max(needed, found.counter[0])
         if needed > found.distance.shape[0]:
             return int(needed)
-        rest = least_rest if topology.same_owner[p] else -1.0
+        rest = contact_distance if topology.same_owner[p] else -1.0
         found.counter[0] = _sift(begin, found.counter[0], rest, points, rest_points, boxes, found)
     return int(needed)
 

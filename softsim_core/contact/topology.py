@@ -37,6 +37,7 @@ class Topology(NamedTuple):
         surface_node: First node (the root) of each surface and the end, shape (S, 2).
         surface_triangle: Range of triangles, shape (S, 2).
         surface_vertex: Range of vertices, shape (S, 2).
+        soft: 1 where the surface deforms, shape (S,).
         closed: 1 where the surface encloses a volume, shape (S,).
         pairs: Surfaces that may meet, shape (p, 2).
         same_owner: 1 where the two belong to one body, shape (p,).
@@ -59,6 +60,7 @@ class Topology(NamedTuple):
     surface_node: IndexArray
     surface_triangle: IndexArray
     surface_vertex: IndexArray
+    soft: IndexArray
     closed: IndexArray
     pairs: IndexArray
     same_owner: IndexArray
@@ -124,6 +126,7 @@ def build_topology(surfaces: tuple[CollisionSurface, ...], rest_points: Array) -
         surface_vertex=np.array([each.vertices.indices(n)[:2] for each in surfaces], dtype=np.int64).reshape(
             -1, 2
         ),
+        soft=np.array([each.soft for each in surfaces], dtype=np.int64),
         closed=np.array([each.closed for each in surfaces], dtype=np.int64),
         pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
         same_owner=np.array([surfaces[i].owner == surfaces[j].owner for i, j in pairs], dtype=np.int64),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.overlap import first_inside
+from softsim_core.contact.overlap import TOUCH, first_overlap
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.dynamics.contacts import Carrier, Contacts
 from softsim_core.errors import SceneError
@@ -67,6 +67,7 @@ def contacts(
                 groups=frozenset(description.groups),
                 owner=owner,
                 moving=moving,
+                soft=soft,
                 radius=rigid[owner - len(bodies)].radius if sphere else 0.0,
             )
         )
@@ -142,10 +143,10 @@ def _check_start(contacts: Contacts, model: Model, scene: SceneDescription) -> N
     points = contacts.points(model, state)
     near = contacts.near(points, scene.contact.alarm_distance)
     worst = int(np.argmin(near.distance)) if len(near.distance) else -1
-    if worst >= 0 and near.distance[worst] < 0.0:
+    if worst >= 0 and near.distance[worst] < -TOUCH:
         pair, by = near.pair[worst].tolist(), f" by {-1e3 * near.distance[worst]:.2g} mm"
     else:
-        pair, by = first_inside(contacts.surfaces, points), ""
+        pair, by = first_overlap(contacts.surfaces, points), ""
     if pair is not None:
         a, b = (contacts.surfaces[number].name for number in pair)
         raise SceneError(

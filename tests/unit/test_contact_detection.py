@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -163,6 +164,46 @@ def test_a_ball_rolls_over_the_edge_between_coplanar_triangles(height: float) ->
     near = scene.detect()
     assert near.distance.tolist() == [pytest.approx(height)]
     np.testing.assert_allclose(near.normal, [[0.0, 0.0, -1.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("ball_first", [True, False])
+def test_every_vertex_of_a_dent_as_round_as_the_ball_is_met(ball_first: bool) -> None:
+    scene = Scene()
+    centre, radius, gap = np.array([0.0, 0.0, 0.0206]), 0.02, 0.001
+    along = np.linspace(-0.01, 0.01, 11)
+    x, y = (each.ravel() for each in np.meshgrid(along, along, indexing="ij"))
+    z = centre[2] - np.sqrt((radius + gap) ** 2 - x**2 - y**2)
+    start = (11 * np.arange(10)[:, None] + np.arange(10)).ravel()
+    triangles = np.stack([start, start + 11, start + 12, start, start + 12, start + 1], axis=1).reshape(-1, 3)
+    if ball_first:
+        scene.ball(radius, tuple(centre))
+    dent = scene.add(np.column_stack([x, y, z]), triangles)
+    if not ball_first:
+        scene.ball(radius, tuple(centre))
+    few = len(scene.detect().key)
+    number = int(ball_first)
+    scene.surfaces[number] = dataclasses.replace(scene.surfaces[number], soft=True)
+    near = scene.detect()
+    side, weights = (near.b, near.b_weights) if ball_first else (near.a, near.a_weights)
+    corner = weights.max(axis=1) == 1.0
+    assert sorted(side[corner, 0]) == list(range(dent.start, dent.stop))
+    np.testing.assert_allclose(near.distance[corner], gap, atol=1e-12)
+    np.testing.assert_allclose(near.distance, gap, atol=0.002**2 / radius)  # chords sag
+    assert few < len(near.key)
+    assert len(np.unique(near.key)) == len(near.key)
+
+
+def test_vertices_that_look_away_from_the_ball_do_not_meet_it() -> None:
+    """The far side of a sheet thinner than the contact distance."""
+    scene = Scene()
+    scene.box((0.02, 0.02, 0.0004), (0.0, 0.0, 0.0), (4, 4, 1))
+    scene.surfaces[0] = dataclasses.replace(scene.surfaces[0], soft=True)
+    scene.ball(0.01, (0.001, 0.0, 0.0109))
+    near = scene.detect()
+    assert len(near.key) >= 1
+    assert (near.normal[:, 2] < 0.0).all()
+    touched = np.einsum("kc,kci->ki", near.a_weights, scene.points[near.a])
+    np.testing.assert_allclose(touched[:, 2], 0.0002, atol=1e-9)
 
 
 def test_walls_of_one_body_meet_only_where_they_were_apart_at_rest() -> None:

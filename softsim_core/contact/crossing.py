@@ -1,0 +1,81 @@
+"""Triangles that pass through each other."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+
+_CHUNK = 256
+_SHIFTS = 1.0e-6 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
+"""Small moves in [m]: surfaces that only touch come apart by one of them; crooked, so that none leads an edge
+exactly through another one."""
+
+
+def surfaces_cross(first: Array, second: Array) -> bool:
+    """Whether two surfaces cross, and still do where one of them is moved a little, whichever way.
+
+    Args:
+        first: Corners of the triangles in [m], shape (k, 3, 3).
+        second: Corners of the triangles in [m], shape (m, 3, 3).
+    """
+    return all(_any_crosses(first, second + shift) for shift in _SHIFTS)
+
+
+def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:
+    """Two triangles of one surface that have no vertex in common and cross, or None.
+
+    Args:
+        corners: Corners in [m], shape (k, 3, 3).
+        triangles: Their vertices, shape (k, 3).
+    """
+    for start in range(0, len(triangles), _CHUNK):
+        i, j = _boxes_meet(corners[start : start + _CHUNK], corners)
+        i += start
+        strangers = (triangles[i][:, :, None] != triangles[j][:, None, :]).all(axis=(1, 2))
+        i, j = i[strangers], j[strangers]
+        hit = np.flatnonzero(_pierce(corners[i], corners[j]))
+        if len(hit):
+            return int(i[hit[0]]), int(j[hit[0]])
+    return None
+
+
+def _any_crosses(first: Array, second: Array) -> bool:
+    """Whether a triangle of the first surface crosses one of the second."""
+    low, high = second.min(axis=(0, 1)), second.max(axis=(0, 1))
+    some = first[((first.min(axis=1) <= high) & (first.max(axis=1) >= low)).all(axis=1)]
+    for start in range(0, len(some), _CHUNK):
+        part = some[start : start + _CHUNK]
+        i, j = _boxes_meet(part, second)
+        if (_pierce(part[i], second[j]) | _pierce(second[j], part[i])).any():
+            return True
+    return False
+
+
+def _boxes_meet(first: Array, second: Array) -> tuple[IndexArray, IndexArray]:
+    """Pairs of triangles whose boxes have a point in common."""
+    near = np.ones((len(first), len(second)), dtype=bool)
+    for axis in range(3):
+        a, b = first[:, None, :, axis], second[:, :, axis]
+        near &= (a.min(axis=2) <= b.max(axis=1)) & (a.max(axis=2) >= b.min(axis=1))
+    i, j = np.nonzero(near)
+    return i, j
+
+
+def _pierce(edges_of: Array, faces: Array) -> BoolArray:
+    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3)."""
+    a, b, c = faces[:, None, 0], faces[:, None, 1], faces[:, None, 2]
+    start, end = edges_of, np.roll(edges_of, -1, axis=1)
+    sides = _volume(a, b, c, start) * _volume(a, b, c, end)
+    turns = np.stack(
+        [_volume(start, end, a, b), _volume(start, end, b, c), _volume(start, end, c, a)], axis=-1
+    )
+    through = (turns > 0.0).all(axis=-1) | (turns < 0.0).all(axis=-1)
+    return np.asarray(((sides < 0.0) & through).any(axis=1))
+
+
+def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Six times the signed volume of tetrahedra (..., 3)."""
+    return np.asarray(np.sum(np.cross(b - a, c - a) * (d - a), axis=-1))
