@@ -1,4 +1,4 @@
-"""A browser that stalls, closes or never reads costs the robot nothing: steps keep their pace, memory stays."""
+"""A browser that stalls, closes or never reads costs the robot nothing: steps keep pace, memory stays."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ class Reports:
 
     def _simulator(self) -> list[dict[str, str]]:
         found = (diagnostic_values(message, "tripod/simulator") for message in list(self._heard))
-        return [values for values in found if values]
+        return [values for values in found if float(values.get("cpu_ms_per_step", 0.0)) > 0.0]
 
 
 def cpu_ms(reports: list[dict[str, str]]) -> float:
-    """Processor time of a step in the quietest second: what other programs do to the caches is least there."""
+    """Processor time of a step in the quietest second: other programs disturb the caches least there."""
     return min(float(report["cpu_ms_per_step"]) for report in reports)
 
 
