@@ -33,8 +33,8 @@ class MovableBases:
         """Origins of the bases in [m], shape (j, 3): parents at rest, without the start move's shift."""
         return np.array([joint.base_position for joint in self._joints]).reshape(-1, 3)
 
-    def move(self, name: str, position: Sequence[float] | Array) -> None:
-        """Have the base of a joint go to a position (3,) in [m].
+    def move(self, name: str, position: Sequence[float] | Array, base_shift: float) -> None:
+        """Have the base of a joint, which the start move has shifted by `base_shift` [m], go to (3,) in [m].
 
         Raises:
             CommandError: no such joint, a cable's, or a position that is not three finite numbers; nothing is
@@ -46,7 +46,8 @@ class MovableBases:
         target = np.array(position, dtype=float)
         if target.shape != (3,) or not np.isfinite(target).all():
             raise CommandError(f"base of {name} refused: expected three finite numbers in metres")
-        self._targets[known[name]] = target
+        joint = self._joints[known[name]]
+        self._targets[known[name]] = target + joint.base_position - joint.base_origin(base_shift)
         self._arrived = False
 
     def advance(self, dt: float) -> bool:
@@ -55,13 +56,13 @@ class MovableBases:
             return False
         way = self._targets - self.positions
         length = np.linalg.norm(way, axis=1)
-        moving = np.flatnonzero(length > 0.0)
+        moving = np.flatnonzero(length > 0.0).tolist()
         for j in moving:
             if length[j] <= SPEED * dt:
                 self._joints[j].base_position[:] = self._targets[j]
             else:
                 self._joints[j].base_position[:] += SPEED * dt / length[j] * way[j]
-        self._arrived = not len(moving)
+        self._arrived = not moving
         return not self._arrived
 
     def reset(self) -> None:

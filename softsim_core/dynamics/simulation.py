@@ -199,15 +199,15 @@ class Simulation:
         self._drive.shift_bases(shift)
 
     def move_base(self, joint: str, position: Sequence[float] | Array) -> None:
-        """Have the base of a joint go to a position (3,) in [m], in the frame of JointDescription.base.
+        """Have the base of a joint go to a position (3,) in [m], as `frames` tells it while its parent rests.
 
         It goes there at a hand's pace, see bases.SPEED, and what is attached to the joint goes along; `reset`
-        takes it back. `base_shift` comes on top.
+        takes it back. What `base_shift` changes later comes on top.
 
         Raises:
             CommandError: no such joint, a cable's, or not finite; nothing is changed.
         """
-        self._bases.move(joint, position)
+        self._bases.move(joint, position, self.base_shift)
 
     def start_animation(self) -> None:
         """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.

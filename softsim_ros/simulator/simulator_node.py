@@ -25,6 +25,7 @@ from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError,
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
+from softsim_ros.simulator.bases import BaseTargets
 from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import health
 from softsim_ros.simulator.parameters import (
@@ -95,6 +96,7 @@ class Simulator(RobotNode):
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
         self._pulls = Pulls(self, self._physics, self._warn_refused)
+        self._base_targets = BaseTargets(self, self._physics, self._warn_refused)
         for name, action in (
             ("reset", self._reset),
             ("step", self._step),

@@ -45,6 +45,17 @@ def test_a_snapshot_holds_the_bases_and_a_reset_takes_them_back() -> None:
     np.testing.assert_array_equal(sim.positions, fresh.positions)
 
 
+def test_a_base_goes_where_it_is_told_also_when_the_start_move_has_shifted_it() -> None:
+    sim = Simulation(load_scene("tripod"))
+    sim.base_shift = 0.01
+    sim.step()
+    wanted = sim.frames()["servo_2"].position + LIFT
+    sim.move_base("servo_2", wanted)
+    for _ in range(20):
+        sim.step()
+    np.testing.assert_allclose(sim.frames()["servo_2"].position, wanted, atol=1e-15)
+
+
 def test_a_wrong_base_is_refused_in_a_sentence() -> None:
     sim = Simulation(load_scene("cable_gripper"))
     with pytest.raises(CommandError, match="no joint 'finger_1_cable' has a base; known: vertical, sideways"):

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros]
 
 from builtin_interfaces.msg import Time  # noqa: E402
-from geometry_msgs.msg import PoseStamped, WrenchStamped  # noqa: E402
+from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped, WrenchStamped  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
@@ -115,3 +115,29 @@ def test_a_pull_moves_the_body_and_is_let_go(tripod: Any, spin_until: Any) -> No
 
     assert spin_until(pulled)
     assert spin_until(lambda: abs(poses[-1].pose.position.y) < 1e-4)
+
+
+@pytest.mark.slow
+def test_a_base_goes_where_a_message_says_and_a_wrong_name_is_a_warning(tripod: Any, spin_until: Any) -> None:
+    frames = tripod.client.collect(PoseArray, "frames")
+    assert spin_until(lambda: frames)
+    place = 1 + 2 * 1  # the effector's frame, then base and horn of each servo
+    start = frames[-1].poses[place].position
+    message = PointStamped()
+    message.header.frame_id = "servo_1"
+    message.point.x, message.point.y, message.point.z = start.x, start.y, start.z + 0.005
+
+    def moved() -> bool:
+        tripod.client.publish("base_target", message)
+        return bool(abs(frames[-1].poses[place].position.z - start.z - 0.005) < 1e-9)
+
+    assert spin_until(moved)
+    message.header.frame_id = "servo_9"
+
+    def warned() -> bool:
+        tripod.client.publish("base_target", message)
+        return bool(tripod.warns("no joint 'servo_9' has a base"))
+
+    assert spin_until(warned)
+    assert tripod.trigger("reset")[0]
+    assert spin_until(lambda: frames[-1].poses[place].position.z == start.z)

@@ -1,0 +1,34 @@
+"""Moving a joint's base by hand, from `base_target`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+
+from softsim_core.errors import CommandError, SoftSimError
+from softsim_ros.simulator.physics_thread import PhysicsThread
+
+
+class BaseTargets:
+    """Subscribes to `base_target`: frame_id names the joint, the point is where its base goes in `world`.
+
+    Args:
+        node: Owner of the subscription.
+        physics: The thread that owns the simulation.
+        warn: Told the sentence of a refused message.
+    """
+
+    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
+        self._physics, self._warn = physics, warn
+        node.create_subscription(PointStamped, "base_target", self._on_target, 1)
+
+    def _on_target(self, message: PointStamped) -> None:
+        joint, position = message.header.frame_id, (message.point.x, message.point.y, message.point.z)
+        try:
+            self._physics.call(lambda simulation: simulation.move_base(joint, position), shows=False)
+        except CommandError as error:
+            self._warn(str(error))
+        except SoftSimError:  # the physics has ended
+            return
