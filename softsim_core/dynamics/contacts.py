@@ -8,11 +8,12 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.detection import Detector, Proximities
+from softsim_core.contact.frames import contact_frames
 from softsim_core.contact.rows import MOST_ENTRIES, Carried, contact_rows
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics.rows import Rows
 from softsim_core.mechanics.model import Model, Screws
-from softsim_core.mechanics.pose import cross, rotation_log
+from softsim_core.mechanics.pose import rotation_log
 from softsim_core.mechanics.state import MEMORY, State
 from softsim_core.scene.objects import ContactSettings
 
@@ -110,6 +111,7 @@ class Contacts:
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self._carried = _carried(surfaces, nodes, weights, carriers, model)
+        self._still = np.zeros((len(nodes), 3))
         self._spheres = tuple(each for each in carriers if self._carried.radius[each.vertices].any())
         self._moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
         start = self.points(model, model.rest_state())
@@ -140,19 +142,26 @@ class Contacts:
         moved -= points
         travel = self._farthest(moved, model, before)
         near = self._detector.detect(points, self.settings.alarm_distance, travel)
-        directions = _directions(near.normal)
-        slip = np.einsum("kc,kci->ki", near.a_weights, moved[near.a])
-        slip -= np.einsum("kc,kci->ki", near.b_weights, moved[near.b])
-        if self._spheres:
-            rolled = self._rolled(model, before, free)
-            slip -= cross(rolled[near.a[:, 0]] + rolled[near.b[:, 0]], near.normal)
-        gap = np.einsum("kdi,ki->kd", directions, slip)
-        gap[:, 0] += near.distance - self.settings.contact_distance
-        middle = np.einsum("kc,kci->ki", near.a_weights, points[near.a])
-        middle += np.einsum("kc,kci->ki", near.b_weights, points[near.b])
-        rows, on_rigid = self._rows(near, directions, points, model, before)
+        count = len(near.key)
+        vertices = np.concatenate([near.a, near.b], axis=1)
+        shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
+        directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+        contact_frames(
+            vertices,
+            shares,
+            near.normal,
+            near.distance,
+            points,
+            moved,
+            self._rolled(model, before, free),
+            self.settings.contact_distance,
+            directions,
+            gap,
+            middle,
+        )
+        rows, on_rigid = self._rows(vertices, shares, directions, points, model, before)
         keys = (near.key % KEYS).astype(float)
-        return Touching(rows, on_rigid, gap.ravel(), directions, 0.5 * middle, near.pair, keys)
+        return Touching(rows, on_rigid, gap.ravel(), directions, middle, near.pair, keys)
 
     def _farthest(self, moved: Array, model: Model, before: State) -> Array:
         """How far a vertex of each surface may move in the step, in [m], shape (s,).
@@ -166,7 +175,10 @@ class Contacts:
 
     def _rolled(self, model: Model, before: State, free: State) -> Array:
         """Radius times rotation vector of each sphere within the step in [m], zeros elsewhere, (v, 3)."""
-        rolled = np.zeros((len(self._carried.radius), 3))
+        rolled = self._still
+        if not self._spheres:
+            return rolled
+        rolled = rolled.copy()
         for carrier in self._spheres:
             if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn a step
                 turn = model.dt * free.rigid_velocities[carrier.rigid, 3:]
@@ -176,18 +188,24 @@ class Contacts:
         return rolled
 
     def _rows(
-        self, near: Proximities, directions: Array, points: Array, model: Model, state: State
+        self,
+        vertices: IndexArray,
+        shares: Array,
+        directions: Array,
+        points: Array,
+        model: Model,
+        state: State,
     ) -> tuple[Rows, Array]:
         """Rows of all contacts on nodes and border unknowns, and the rigid bodies' part."""
-        count = 3 * len(near.key)
+        count = 3 * len(vertices)
         screws = model.screws(state) if self._moving else NO_SCREWS
         start = np.zeros(count + 1, dtype=np.int64)
         place = np.empty(count * MOST_ENTRIES, dtype=np.int64)
         coefficient = np.empty((count * MOST_ENTRIES, 3))
         on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
         entries = contact_rows(
-            np.concatenate([near.a, near.b], axis=1),
-            np.concatenate([near.a_weights, -near.b_weights], axis=1),
+            vertices,
+            shares,
             directions,
             points,
             self._carried,
@@ -245,15 +263,6 @@ def _border(carrier: Carrier, model: Model) -> list[int]:
     if carrier.base >= 0:
         return [6 * len(model.frame_names) + j for j in model.chain(carrier.base)[:-1]]
     return []
-
-
-def _directions(normal: Array) -> Array:
-    """Normals (k, 3) and two tangents each, shape (k, 3, 3); the same normal gives the same tangents."""
-    aside = np.zeros_like(normal)
-    aside[np.arange(len(normal)), np.argmin(np.abs(normal), axis=1)] = 1.0
-    first = cross(normal, aside)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([normal, first, cross(normal, first)], axis=1)
 
 
 def no_memory() -> Array:
