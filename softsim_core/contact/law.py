@@ -23,6 +23,21 @@ def into_bounds(lower: Array, upper: Array, friction: float, forces: Array) -> N
 
 
 @kernel
+def gaps_under(compliance: Array, gap: Array, forces: Array) -> Array:
+    """Gaps and slips g + C f in [m], shape (r,); forces that are zero cost nothing.
+
+    Not by BLAS: it would start threads, and its last digits depend on where the arrays lie in memory.
+    """
+    gaps = gap.copy()
+    for i in range(forces.shape[0]):
+        if forces[i] != 0.0:
+            row = compliance[i]
+            for j in range(gaps.shape[0]):
+                gaps[j] += forces[i] * row[j]
+    return gaps
+
+
+@kernel
 def moved_friction(
     i: int, friction: float, compliance: Array, forces: Array, state: Array
 ) -> tuple[float, float]:

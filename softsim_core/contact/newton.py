@@ -8,7 +8,58 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.contact.compile import kernel
-from softsim_core.contact.law import largest_tangential
+from softsim_core.contact.eliminate import eliminate
+from softsim_core.contact.law import gaps_under, into_bounds, largest_tangential, violation
+
+_STEPS = 16
+"""Newton steps in a row, as long as each brings the residual down."""
+_SOFTENINGS = (1.0e-6, 1.0e-3)
+"""Softenings of Newton's matrix; the second where the first leads nowhere."""
+
+
+@kernel
+def solve_by_newton(
+    compliance: Array,
+    gap: Array,
+    lower: Array,
+    upper: Array,
+    friction: float,
+    forces: Array,
+    tolerance: float,
+) -> float:
+    """Improve `forces`, which lie within bounds and cones, as long as Newton steps do.
+
+    Returns:
+        The residual in [m], see law.violation(); below `tolerance` it is good enough.
+    """
+    state = gaps_under(compliance, gap, forces)
+    residual, squares = violation(compliance, state, lower, upper, friction, forces)
+    soft = 0
+    for _ in range(_STEPS):
+        if residual <= tolerance or soft == len(_SOFTENINGS):
+            break
+        aim = newton_step(compliance, gap, lower, upper, friction, forces, state, _SOFTENINGS[soft])
+        soft += 1
+        for share in (1.0, 0.5, 0.25, _until_one_opens(lower.shape[0], forces, aim)):
+            trial = forces + share * (aim - forces)
+            into_bounds(lower, upper, friction, trial)
+            trial_state = gaps_under(compliance, gap, trial)
+            largest, total = violation(compliance, trial_state, lower, upper, friction, trial)
+            if total < squares * (1.0 - 0.2 * share):
+                forces[:], state, residual, squares = trial, trial_state, largest, total
+                soft -= 1
+                break
+    return residual
+
+
+@kernel
+def _until_one_opens(bounded: int, forces: Array, aim: Array) -> float:
+    """Share of the way to `aim` at which the first contact loses its force, at most 1."""
+    share = 1.0
+    for i in range(bounded, forces.shape[0], 3):
+        if aim[i] < 0.0 < forces[i]:
+            share = min(share, forces[i] / (forces[i] - aim[i]))
+    return share
 
 
 @kernel
@@ -54,7 +105,7 @@ def newton_step(
                 size += 1
     if size == 0:
         return forces
-    gaps = gap + compliance @ forces
+    gaps = gaps_under(compliance, gap, forces)
     matrix = np.empty((size, size))
     right = np.empty(size)
     for a in range(size):
@@ -66,7 +117,7 @@ def newton_step(
     if friction > 0.0:
         for a in range(first_contact, size, 3):
             _let_slide(a, active[a], friction, compliance, forces, gaps, matrix, right)
-    _eliminate(matrix, right)
+    eliminate(matrix, right)
     for a in range(size):
         forces[active[a]] += right[a]
     return forces
@@ -103,32 +154,3 @@ def _let_slide(
     matrix[a + 2, a + 2] += 1.0 - ff
     right[a + 1] = limit * e - forces[i + 1]
     right[a + 2] = limit * f - forces[i + 2]
-
-
-@kernel
-def _eliminate(matrix: Array, right: Array) -> None:
-    """Gauss elimination with row pivots, in place; the solution replaces the right-hand side.
-
-    LAPACK would start threads for matrices of this size, which costs more than it saves.
-    """
-    size = right.shape[0]
-    for k in range(size):
-        pivot = k + np.argmax(np.abs(matrix[k:, k]))
-        if pivot != k:
-            for j in range(k, size):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            right[k], right[pivot] = right[pivot], right[k]
-        head = matrix[k]
-        inverse = 1.0 / head[k] if head[k] != 0.0 else 0.0
-        for i in range(k + 1, size):
-            factor = matrix[i, k] * inverse
-            if factor != 0.0:
-                row = matrix[i]
-                for j in range(k + 1, size):
-                    row[j] -= factor * head[j]
-                right[i] -= factor * right[k]
-    for back in range(size):
-        k = size - 1 - back
-        for j in range(k + 1, size):
-            right[k] -= matrix[k, j] * right[j]
-        right[k] *= 1.0 / matrix[k, k] if matrix[k, k] != 0.0 else 0.0

@@ -8,15 +8,14 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.contact.compile import kernel
-from softsim_core.contact.law import into_bounds, moved_friction, violation
-from softsim_core.contact.newton import newton_step
+from softsim_core.contact.law import gaps_under, into_bounds, moved_friction, violation
+from softsim_core.contact.newton import solve_by_newton
+from softsim_core.contact.sharpen import solve_by_sharpening
 
 _SWEEPS = 8
-"""Sweeps before Newton's method tries from where they led."""
-_NEWTON = 16
-"""Newton steps in a row, as long as each brings the residual down."""
-_SOFTENINGS = (1.0e-6, 1.0e-3)
-"""Softenings of Newton's matrix; the second where the first leads nowhere."""
+"""Sweeps before the first attempt of Newton's method; twice as many before each further one."""
+_ROUNDNESS = (1.0, 1.0e4)
+"""How round the corners of the rounded law are at first, in turn."""
 
 
 class ContactSolution(NamedTuple):
@@ -55,7 +54,7 @@ def solve_contacts(
         bounds: Least and largest force of each bounded row in [N], b each; may be infinite.
         friction: Coulomb coefficient.
         start: Forces to start from in [N], shape (r,).
-        iterations: Most sweeps.
+        iterations: Most sweeps; a few dozen Newton steps come between them.
         tolerance: Residual in [m] that is good enough.
 
     Source: Jourdan, Alart, Jean 1998 (block Gauss-Seidel); Silcowitz, Niebe, Erleben 2010 (alternating it
@@ -82,51 +81,26 @@ def _solve(
 ) -> tuple[float, int]:
     """Overwrites forces; returns the residual in [m] and the number of sweeps."""
     into_bounds(lower, upper, friction, forces)
-    state = gap + compliance @ forces
-    residual, squares = violation(compliance, state, lower, upper, friction, forces)
-    sweeps, planned = 0, _SWEEPS
+    state = gaps_under(compliance, gap, forces)
+    residual, _ = violation(compliance, state, lower, upper, friction, forces)
+    sweeps, planned, attempt = 0, _SWEEPS, 0
     while residual > tolerance and sweeps < iterations:
         for _ in range(min(planned, iterations - sweeps)):
             sweeps += 1
             _sweep(compliance, lower, upper, friction, forces, state)
-            residual, squares = violation(compliance, state, lower, upper, friction, forces)
+            residual, _ = violation(compliance, state, lower, upper, friction, forces)
             if residual <= tolerance:
                 break
-        planned += _SWEEPS  # more each time that Newton's method was no help
-        soft = 0
-        state[:] = gap + compliance @ forces  # sums of small changes gather round-off
-        residual, squares = violation(compliance, state, lower, upper, friction, forces)
-        for _ in range(_NEWTON):
-            if residual <= tolerance:
-                break
-            softening = _SOFTENINGS[soft]
-            aim = newton_step(compliance, gap, lower, upper, friction, forces, state, softening)
-            better = False
-            for share in (1.0, 0.5, 0.25, _until_one_opens(lower.shape[0], forces, aim)):
-                trial = forces + share * (aim - forces)
-                into_bounds(lower, upper, friction, trial)
-                trial_state = gap + compliance @ trial
-                largest, total = violation(compliance, trial_state, lower, upper, friction, trial)
-                better = total < squares * (1.0 - 0.2 * share)
-                if better:
-                    break
-            if not better:
-                soft += 1
-                if soft == len(_SOFTENINGS):
-                    break
-                continue
-            forces[:], state[:], residual, squares = trial, trial_state, largest, total
+        if attempt == 0:
+            residual = solve_by_newton(compliance, gap, lower, upper, friction, forces, tolerance)
+        else:
+            roundness = _ROUNDNESS[(attempt - 1) % len(_ROUNDNESS)]
+            residual = solve_by_sharpening(
+                compliance, gap, lower, upper, friction, forces, roundness, tolerance
+            )
+        state[:] = gaps_under(compliance, gap, forces)
+        planned, attempt = 2 * planned, attempt + 1
     return residual, sweeps
-
-
-@kernel
-def _until_one_opens(bounded: int, forces: Array, aim: Array) -> float:
-    """Share of the way to `aim` at which the first contact loses its force, at most 1."""
-    share = 1.0
-    for i in range(bounded, forces.shape[0], 3):
-        if aim[i] < 0.0 < forces[i]:
-            share = min(share, forces[i] / (forces[i] - aim[i]))
-    return share
 
 
 @kernel
