@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
@@ -36,9 +36,9 @@ _NEWEST_ONLY: Final = QoSProfile(depth=1)
 class Commander(Teleop):
     """A teleop without terminal or page: each method is something that a person does.
 
-    Besides what a Teleop has: `effector_goal` in, `external_wrench` out; services `simulator/step`,
-    `simulator/reload`, `servo_bridge/e_stop`, `servo_bridge/clear_e_stop` and those of the simulator's
-    parameters.
+    Besides what a Teleop has: `effector_goal` in, `external_wrench` and `base_target` out; services
+    `simulator/step`, `simulator/reload`, `servo_bridge/e_stop`, `servo_bridge/clear_e_stop` and those of the
+    simulator's parameters.
 
     Args:
         robot: Joints, limits, poses and keys.
@@ -62,6 +62,7 @@ class Commander(Teleop):
         self._reload = AsyncService(self, Trigger, "simulator/reload", 60.0)
         self._e_stop = AsyncService(self, Trigger, "servo_bridge/e_stop")
         self._clear = AsyncService(self, Trigger, "servo_bridge/clear_e_stop")
+        self._bases = self.create_publisher(PointStamped, "base_target", _NEWEST_ONLY)
         self._wrenches = self.create_publisher(WrenchStamped, "external_wrench", _NEWEST_ONLY)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, _NEWEST_ONLY)
 
@@ -169,6 +170,12 @@ class Commander(Teleop):
     def set_pull_stiffness(self, stiffness: float) -> None:
         """Stiffness in [N/m] of the spring between the body and the mouse."""
         self.pull_stiffness = stiffness
+
+    def move_base(self, joint: str, position_mm: Array) -> None:
+        """Have the base of a joint go to a position (3,) in [mm]."""
+        x, y, z = (position_mm / MM).tolist()
+        stamp = header(self.get_clock().now().to_msg(), joint)
+        self._bases.publish(PointStamped(header=stamp, point=Point(x=x, y=y, z=z)))
 
     def send_pull(self, pull: Pull | None, points: NDArray[Any], now: float) -> None:
         """Send the force of a pull that is held, now and then.

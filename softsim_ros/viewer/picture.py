@@ -21,6 +21,7 @@ from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.messages import read_point_cloud
 from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
 from softsim_ros.viewer.surface import MM, Part
@@ -41,14 +42,17 @@ class Picture:
         inbox: Where the mouse's events go.
         on_scene: Called with the structure of a scene that begins; it calls `build`.
         on_goal: Called with a dragged goal, in [m].
+        on_base: Called with a joint and where a person drags its base, in [mm].
         lite: Cheap light and no shadows, for machines without a graphics card.
 
     Attributes:
         stage: The 3-D side of the page; another one after each `build`.
+        base: The handle of the chosen joint's base; another one, too.
         view: What is shown now: what the scene said, then what people switched.
     """
 
     stage: Stage
+    base: BaseHandle
     view: ViewSettings
 
     def __init__(
@@ -58,11 +62,12 @@ class Picture:
         inbox: Inbox,
         on_scene: Callable[[dict[str, Any]], None],
         on_goal: Callable[[EffectorPose], None],
+        on_base: Callable[[str, Array], None],
         *,
         lite: bool,
     ) -> None:
         self._node, self._server, self._inbox = node, server, inbox
-        self._on_scene, self._on_goal, self._lite = on_scene, on_goal, lite
+        self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
         self._structure: dict[str, Any] = {}
         self._seen = ""
         self._begun: tuple[str, ViewSettings] | None = None
@@ -97,6 +102,7 @@ class Picture:
             self._seen = ""
         frames = list(self._structure.get("frames", ()))
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
+        self.base = BaseHandle(self._server.scene, self._inbox, self._on_base)
         self.stage.set_pull_mode(self._pull_mode)
         self.show(self.view)
 
@@ -175,7 +181,10 @@ class Picture:
                 self.stage.draw_rope()
         frames, self._frames = self._frames, None
         if frames is not None:
-            self.stage.inner.move_frames(_pose_rows(frames))
+            poses, names = _pose_rows(frames), self._structure.get("frames", ())
+            self.stage.inner.move_frames(poses)
+            if self.base.joint in names and len(poses) == len(names):
+                self.base.follow(poses[names.index(self.base.joint), :3])
         nodes, self._nodes = self._nodes, None
         if nodes is not None:
             self.stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from softsim_ros.viewer.viewer_node import Viewer
 
 
+def joint_at(path: str) -> str | None:
+    """The joint that a path of the tree leads to or into, if any."""
+    steps = path.split("/")
+    return steps[2] if len(steps) > 2 and steps[1] == "joints" else None
+
+
 class SceneTab:
     """What the scene is made of, and other scenes.
 
@@ -80,6 +86,7 @@ class SceneTab:
 
     def _select(self, path: str) -> None:
         self._selected = path
+        self._viewer.picture.base.choose(joint_at(path))
         self._panel.show(self._parts[path], self._source_text(self._parts[path]))
 
     def _source_text(self, part: Part) -> str:

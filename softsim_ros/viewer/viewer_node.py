@@ -60,7 +60,13 @@ class Viewer(Commander):
         self.efforts: Sequence[float] = ()
         self.diagnostics = DiagnosticsLink(self)
         self.picture = Picture(
-            self, self._server, self._inbox, self._on_scene, self.drag_goal, lite=settings.lite
+            self,
+            self._server,
+            self._inbox,
+            self._on_scene,
+            self.drag_goal,
+            self.move_base,
+            lite=settings.lite,
         )
         self._started_at = time.monotonic()
         self._next_tick = self._next_plot = 0.0
