@@ -8,7 +8,7 @@ where it is slack.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class Cables:
         lower, upper: Bounds of the tensions in [N], shape (c,).
         by_force: Whether the command is a tension in [N] instead of a travel in [m], shape (c,).
         layout: What never changes in their rows.
+        forced: Joints commanded by a tension.
     """
 
     names: tuple[str, ...]
@@ -65,22 +66,25 @@ class Cables:
     upper: Array
     by_force: BoolArray
     layout: RowLayout
+    forced: tuple[int, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "forced", tuple(self.joint[self.by_force].tolist()))
 
     def __len__(self) -> int:
         return len(self.names)
 
     def travels(self, commands: Array, state: State) -> Array:
         """Where all joints go (j,) in [rad] or [m]: one whose command is a tension keeps its travel."""
-        if not self.by_force.any():
+        if not self.forced:
             return commands
-        forced = self.joint[self.by_force]
         positions = commands.copy()
-        positions[forced] = state.joint_positions[forced]
+        positions[list(self.forced)] = state.joint_positions[list(self.forced)]
         return positions
 
     def bounds(self, commands: Array) -> tuple[Array, Array]:
         """Bounds of the tensions in [N], shapes (c,), for the commands of all joints (j,)."""
-        if not self.by_force.any():
+        if not self.forced:
             return self.lower, self.upper
         wanted = np.clip(commands[self.joint], self.lower, self.upper)
         return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
@@ -143,7 +147,7 @@ class Cables:
     def report(self, model: Model, state: State, tensions: Array) -> None:
         """Write tensions (c,) [N] as joint efforts, and the travel of cables commanded by force."""
         state.joint_efforts[self.joint] = tensions
-        if self.by_force.any():
+        if self.forced:
             travel = self.rest_length - self.lengths(self.points(model, state))
             state.joint_positions[self.joint[self.by_force]] = travel[self.by_force]
 

@@ -108,7 +108,7 @@ def border_stiffness(stepper: Stepper, state: State, parameters: Parameters, for
     model, cables = stepper.model, stepper.cables
     if not len(cables):
         return stepper.border_response(state, parameters, forces, no_rows())[0]
-    if cables.by_force.any():
+    if cables.forced:
         raise SceneError(
             "inverse control needs cables commanded by displacement: set control: displacement in the scene"
         )
