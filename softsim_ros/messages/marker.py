@@ -17,10 +17,11 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SoftSimError
 from softsim_ros.messages.colours import stress_colours
 
-_PROBE_STAMP = np.array([0x15EA51DE, 0x2B1D5EED], dtype="<u4")
+PROBE_STAMP = np.array([0x15EA51DE, 0x2B1D5EED], dtype="<u4")
+"""A time that no other part of a message looks like."""
 
 
-def _block(data: bytes, pattern: bytes, what: str) -> int:
+def block(data: bytes, pattern: bytes, what: str) -> int:
     """Offset of the only occurrence of a pattern."""
     offset = data.find(pattern)
     if offset < 0 or data.find(pattern, offset + 1) >= 0:
@@ -66,15 +67,15 @@ class MarkerTemplate:
         probe_points = 1.0e5 + np.arange(3.0 * count).reshape(count, 3)
         probe_colours = (1.0e6 + np.arange(4.0 * count)).astype("<f4").reshape(count, 4)
         marker = triangle_marker(frame, probe_points, probe_colours)
-        marker.header.stamp = Time(sec=int(_PROBE_STAMP[0]), nanosec=int(_PROBE_STAMP[1]))
+        marker.header.stamp = Time(sec=int(PROBE_STAMP[0]), nanosec=int(PROBE_STAMP[1]))
         data: bytes = serialize_message(marker)
         self._data = bytearray(data)
-        self._stamp = np.frombuffer(self._data, "<u4", 2, _block(data, _PROBE_STAMP.tobytes(), "time stamp"))
+        self._stamp = np.frombuffer(self._data, "<u4", 2, block(data, PROBE_STAMP.tobytes(), "time stamp"))
         self._points = np.frombuffer(
-            self._data, "<f8", 3 * count, _block(data, probe_points.astype("<f8").tobytes(), "points")
+            self._data, "<f8", 3 * count, block(data, probe_points.astype("<f8").tobytes(), "points")
         ).reshape(count, 3)
         self._colours = np.frombuffer(
-            self._data, "<f4", 4 * count, _block(data, probe_colours.tobytes(), "colours")
+            self._data, "<f4", 4 * count, block(data, probe_colours.tobytes(), "colours")
         ).reshape(count, 4)
         self._colours[:, 3] = alpha
         self._check_round_trip()

@@ -67,6 +67,9 @@ class ObjectPublications:
     def show_scene(self, simulation: Simulation) -> None:
         """Send what does not move."""
         self._topology.publish(bodies_topology(simulation))
+        now = Time()
+        self._moving_cables = messages.MovingMarkers(cable_markers(simulation, now).markers)
+        self._moving_collisions = messages.MovingMarkers(collision_markers(simulation, now).markers)
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
         """Send what is due to who listens; `now` is a steady clock in [s], `whole` asks for everything."""
@@ -74,12 +77,12 @@ class ObjectPublications:
             poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
             self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
         if _due(self._cables, self._cables_gate, now, whole) and (whole or simulation.cables):
-            self._cables.publish(cable_markers(simulation, stamp))
+            self._cables.publish(self._moving_cables.fill(stamp, cable_places(simulation)))
         touches = whole or simulation.collision_surfaces  # else there is nothing new to say
         if touches and _due(self._contacts, self._contacts_gate, now, whole):
             self._contacts.publish(contact_markers(simulation, stamp))
         if _due(self._collisions, self._collisions_gate, now, whole):
-            self._collisions.publish(collision_markers(simulation, stamp))
+            self._collisions.publish(self._moving_collisions.fill(stamp, collision_places(simulation)))
 
 
 def bodies_topology(simulation: Simulation) -> MarkerArray:
@@ -110,6 +113,15 @@ def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
+def cable_places(simulation: Simulation) -> list[Array]:
+    """Where the markers of `cable_markers` are in [m], see messages.MovingMarkers."""
+    places = []
+    for cable in simulation.cables:
+        outside = int(cable.pulled_from_outside)
+        places += [cable.points, cable.points[outside:], *cable.points[:outside]]
+    return places
+
+
 def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     """Points and forces of all contacts of the last step; empty lists where nothing touches."""
     contacts = simulation.contacts
@@ -134,6 +146,15 @@ def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
             marker.points = _points(points[surface.triangles.ravel()])
         markers.append(marker)
     return MarkerArray(markers=markers)
+
+
+def collision_places(simulation: Simulation) -> list[Array]:
+    """Where the markers of `collision_markers` are in [m], see messages.MovingMarkers."""
+    points = simulation.collision_points
+    return [
+        points[surface.vertices if surface.radius > 0.0 else surface.triangles.ravel()]
+        for surface in simulation.collision_surfaces
+    ]
 
 
 def _marker(stamp: Time | None, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:

@@ -12,15 +12,19 @@ pytestmark = [pytest.mark.ros]
 
 from builtin_interfaces.msg import Time  # noqa: E402
 from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped, WrenchStamped  # noqa: E402
-from visualization_msgs.msg import Marker  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.errors import CommandError  # noqa: E402
+from softsim_ros import messages  # noqa: E402
 from softsim_ros.simulator.objects import (  # noqa: E402
     FORCE_LENGTH,
     bodies_topology,
     cable_markers,
+    cable_places,
     collision_markers,
+    collision_places,
     contact_markers,
 )
 from softsim_ros.simulator.pulls import limited_force, pulled_nodes  # noqa: E402
@@ -80,6 +84,22 @@ def test_collision_surfaces_are_triangles_and_spheres_in_the_world() -> None:
     assert ball.scale.x == pytest.approx(0.026)
     np.testing.assert_allclose(rows([ball.pose.position])[0], simulation.rigid_poses[0].position)
     assert collision_markers(Simulation(load_scene("tripod")), Time()).markers == []
+
+
+@pytest.mark.parametrize("scene", ["tripod_ball", "cable_gripper", "tripod"])
+def test_moving_markers_are_those_built_from_objects(scene: str) -> None:
+    simulation = Simulation(load_scene(scene))
+    cables = messages.MovingMarkers(cable_markers(simulation, Time()).markers)
+    surfaces = messages.MovingMarkers(collision_markers(simulation, Time()).markers)
+    for _ in range(5):
+        simulation.step()
+    now = Time(sec=7, nanosec=8)
+    for data, built in (
+        (cables.fill(now, cable_places(simulation)), cable_markers(simulation, now)),
+        (surfaces.fill(now, collision_places(simulation)), collision_markers(simulation, now)),
+    ):
+        sent = deserialize_message(serialize_message(built), MarkerArray)  # colours become float32
+        assert deserialize_message(data, MarkerArray) == sent
 
 
 def test_a_pull_on_a_point_or_frame_keeps_its_sum() -> None:
