@@ -40,6 +40,8 @@ def health(
         level, sentence, state = ERROR, "the physics thread has ended; restart the simulator", "ended"
     elif status.fault:
         level, sentence, state = ERROR, status.fault, "stopped"
+    elif status.contacts is not None and status.contacts.unsolved:
+        level, sentence = WARN, status.contacts.complaint
     elif not status.paused and 0.0 < factor < SLOW * speed:
         level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
     values: dict[str, object] = {
@@ -57,6 +59,8 @@ def health(
         "backend": backend,
         "memory_mb": memory_mb(),
     }
+    if status.contacts is not None:
+        values.update(status.contacts.as_values())
     for stage, time_ms in status.speed.stages_ms.items():
         values[f"{stage}_ms"] = time_ms
     return level, sentence, values

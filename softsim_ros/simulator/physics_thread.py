@@ -18,6 +18,7 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
+from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
 from softsim_ros.simulator.printed import printed_lines
 from softsim_ros.simulator.step_history import StepHistory
@@ -46,6 +47,7 @@ class PhysicsStatus:
         clamped_commands: Commands that were moved to the limits, in all.
         refused_commands: Commands that the simulation refused, in all.
         trajectory: Whether a trajectory is running.
+        contacts: How contacts were solved in the last second or so; None in a scene without.
     """
 
     speed: Speed = field(default_factory=Speed)
@@ -58,6 +60,7 @@ class PhysicsStatus:
     clamped_commands: int = 0
     refused_commands: int = 0
     trajectory: bool = False
+    contacts: ContactQuality | None = None
 
 
 class PhysicsThread:
@@ -101,6 +104,7 @@ class PhysicsThread:
         self._meter = SpeedMeter(simulation.dt, time.monotonic())
         self._report_gate = RateGate(1.0)
         self._last_speed = Speed()
+        self._contacts = self._last_contacts = ContactQuality()
         self.history = StepHistory()
         self.status = PhysicsStatus()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
@@ -226,6 +230,7 @@ class PhysicsThread:
             self._simulation = simulation
             self._forget_commands()
             self._meter = SpeedMeter(simulation.dt, time.monotonic())
+            self._contacts = self._last_contacts = ContactQuality()
             self._pacer.start()
             if self._fault:
                 self._fault, self._paused = "", self._paused_before_fault
@@ -317,6 +322,7 @@ class PhysicsThread:
         else:
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
+            self._contacts = self._contacts.with_step(simulation.contacts, simulation.scene.contact.tolerance)
             self.history.add(simulation.step_count, simulation.time, stages)
 
     def _listening(self) -> AbstractContextManager[None]:
@@ -365,6 +371,8 @@ class PhysicsThread:
         now = time.monotonic()
         if self._report_gate.passes(now):
             self._last_speed = self._meter.take(now)
+            self._last_contacts = self._contacts
+            self._contacts = ContactQuality(self._contacts.contacts)
         simulation = self._simulation
         self.status = PhysicsStatus(
             speed=self._last_speed,
@@ -377,5 +385,6 @@ class PhysicsThread:
             clamped_commands=self._clamped,
             refused_commands=self._refused,
             trajectory=self._trajectory is not None,
+            contacts=self._last_contacts if simulation.collision_surfaces else None,
         )
         return self._on_state(simulation, whole)

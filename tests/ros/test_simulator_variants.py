@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
+from softsim_core.scene.files import config_file  # noqa: E402
 from softsim_ros.messages import diagnostic_values  # noqa: E402
 
 
@@ -104,5 +105,39 @@ def test_a_diverging_simulation_stops_at_its_last_good_state(
         assert "diverged" in sentence
         assert robot.trigger("reset")[0]
         assert robot.trigger("step")[0]
+    finally:
+        assert robot.process.end() == 0
+
+
+CUBE = """
+extends: {parent}
+name: tripod
+contact: {contact}
+"""
+
+
+def test_the_diagnostics_tell_how_well_contacts_are_solved(
+    start_robot: Any, spin_until: Any, tmp_path: Path
+) -> None:
+    file, parent = tmp_path / "cube.yaml", config_file("scenes/gripper_step_1.yaml")
+    file.write_text(CUBE.format(parent=parent, contact="{}"))
+    robot = start_robot(robot=str(file))
+    try:
+        reports = robot.client.collect(DiagnosticArray, "/diagnostics")
+
+        def first(key: str, least: int) -> dict[str, str]:
+            """The first report in which a value is as large as that."""
+            every = [diagnostic_values(report, "tripod/simulator") for report in reports]
+            return next((each for each in every if int(each.get(key, 0)) >= least), {})
+
+        assert spin_until(lambda: first("contacts", 4))  # corners on the floor
+        values = first("contacts", 4)
+        assert float(values["contact_residual_m"]) < 1e-6
+        assert values["unsolved_contact_steps"] == "0"
+        file.write_text(CUBE.format(parent=parent, contact="{tolerance: 1.0e-30, iterations: 1}"))
+        assert robot.trigger("reload")[0]
+        assert spin_until(lambda: first("unsolved_contact_steps", 1))
+        warnings = [report.status[0] for report in reports if report.status[0].level == DiagnosticStatus.WARN]
+        assert any("contacts solved only to" in each.message for each in warnings)
     finally:
         assert robot.process.end() == 0
