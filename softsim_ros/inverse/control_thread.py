@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
 
@@ -19,13 +17,11 @@ from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.description import InverseSettings, JointDescription
 from softsim_ros.inverse.following import Following, has_moved
 from softsim_ros.inverse.plant import Feedback, Plant
+from softsim_ros.requests import Requests
 from softsim_ros.simulator.pacing import Pacer, RateGate, SpeedMeter
 
 Mode: TypeAlias = Literal["off", "on", "holding"]
 Result = TypeVar("Result")
-
-REQUEST_TIMEOUT_S = 30.0
-"""A request waits this long for the tick in progress, in [s]; the first may compile kernels."""
 
 DISABLED = "goal ignored: inverse control is off; call ~/enable first"
 
@@ -83,7 +79,7 @@ class ControlThread:
         self.settings = controller.settings
         self._goal: Pose | None = None
         self._goal_lock = threading.Lock()
-        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._requests = Requests("inverse control", "one tick", lambda: self.is_alive)
         self._pacer, self._gate = Pacer(), RateGate(1.0)
         self._meter = SpeedMeter(dt, time.monotonic())
         self._mode: Mode = "off"
@@ -104,7 +100,7 @@ class ControlThread:
 
     def close(self) -> None:
         """End after the tick in progress and join; a second call does nothing."""
-        self._requests.put(None)
+        self._requests.ask_to_end()
         if self._thread.is_alive():
             self._thread.join()
 
@@ -133,22 +129,7 @@ class ControlThread:
         Raises:
             SoftSimError: the thread has ended, or is stuck in one tick for longer than REQUEST_TIMEOUT_S.
         """
-        future: Future[Result] = Future()
-
-        def serve() -> None:
-            try:
-                future.set_result(action(self._controller))
-            except BaseException as error:
-                future.set_exception(error)
-
-        self._requests.put(serve)
-        end = time.monotonic() + REQUEST_TIMEOUT_S
-        while not _is_done(future, 1.0):
-            if not self._thread.is_alive():
-                raise SoftSimError("request refused: inverse control has ended")
-            if time.monotonic() > end:
-                raise SoftSimError(f"request given up: one tick takes more than {REQUEST_TIMEOUT_S:g} s")
-        return future.result()
+        return self._requests.ask(lambda: action(self._controller))
 
     def enable(self, base_shift: float) -> None:
         """Start control from the joints as they are; the goal is where the effector is then.
@@ -200,27 +181,11 @@ class ControlThread:
 
     def _run(self) -> None:
         delay: float | None = None
-        while self._serve_requests(delay):
+        while self._requests.serve(delay, lambda: self._mode):
             if self._mode == "off":
                 delay = None
                 continue
             delay = self._pacer.wait_s(time.monotonic(), self._dt) if self._try_tick() else None
-
-    def _serve_requests(self, delay: float | None) -> bool:
-        """Wait for the next tick, or without `delay` for a request that starts control; False: the end."""
-        due = None if delay is None else time.monotonic() + delay
-        while True:
-            left = None if due is None else due - time.monotonic()
-            try:
-                request = self._requests.get(block=left is None or left > 0.0, timeout=left)
-            except queue.Empty:
-                return True
-            if request is None:
-                return False
-            mode = self._mode
-            request()
-            if self._mode != mode:
-                return True
 
     def _try_tick(self) -> bool:
         """Tick; False: control went off."""
@@ -282,7 +247,3 @@ class ControlThread:
             stages_ms=self._stages_ms,
             late_s=self._pacer.late_s,
         )
-
-
-def _is_done(future: Future[Result], timeout_s: float) -> bool:
-    return bool(wait((future,), timeout_s).done)

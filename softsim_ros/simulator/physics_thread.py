@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError  # TimeoutError itself from Python 3.11 on
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -18,6 +15,7 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
+from softsim_ros.requests import Requests
 from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
 from softsim_ros.simulator.printed import printed_lines
@@ -25,9 +23,6 @@ from softsim_ros.simulator.step_history import StepHistory
 
 IDLE_PERIOD_S = 0.1
 """While paused the unchanged state is shown this often, in [s], so that late joiners see it."""
-
-REQUEST_TIMEOUT_S = 30.0
-"""A request waits this long for the step in progress, in [s]."""
 
 Result = TypeVar("Result")
 
@@ -92,7 +87,7 @@ class PhysicsThread:
         self._simulation = simulation
         self._on_state, self._on_refusal = on_state, on_refusal
         self._on_fault, self._on_print = on_fault, on_print
-        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._requests = Requests("the physics", "a physics step", lambda: self.is_alive)
         self._command_lock = threading.Lock()
         self._newest: Array | JointTrajectory | None = None
         self._trajectory: tuple[JointTrajectory, float, Array] | None = None
@@ -117,7 +112,7 @@ class PhysicsThread:
 
     def close(self) -> None:
         """End after the step in progress and join; a second call does nothing."""
-        self._requests.put(None)
+        self._requests.ask_to_end()
         if self._thread.is_alive():
             self._thread.join()
 
@@ -141,19 +136,14 @@ class PhysicsThread:
         Raises:
             SoftSimError: the thread has ended, or is stuck in one step for longer than REQUEST_TIMEOUT_S.
         """
-        future: Future[Result] = Future()
 
-        def serve() -> None:
-            try:
-                result = action(self._simulation)
-                if shows:
-                    self._show(whole=True)
-            except BaseException as error:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
+        def run() -> Result:
+            result = action(self._simulation)
+            if shows:
+                self._show(whole=True)
+            return result
 
-        return self._ask(serve, future)
+        return self._requests.ask(run)
 
     def set_speed(self, speed: float) -> None:
         """Simulated seconds a wall second, >= 0; 0 is as fast as possible."""
@@ -265,24 +255,10 @@ class PhysicsThread:
 
     # --- in the thread --------------------------------------------------------------------------------
 
-    def _ask(self, serve: Callable[[], None], future: Future[Result]) -> Result:
-        self._requests.put(serve)
-        waited = 0.0
-        while waited < REQUEST_TIMEOUT_S:
-            try:
-                return future.result(timeout=1.0)
-            except FutureTimeoutError:
-                if future.done():  # the action itself timed out
-                    raise
-                waited += 1.0
-            if not self._thread.is_alive():
-                raise SoftSimError("request refused: the physics has ended")
-        raise SoftSimError(f"request given up: a physics step takes more than {REQUEST_TIMEOUT_S:g} s")
-
     def _run(self) -> None:
         self._show(whole=True)
         delay = 0.0
-        while self._serve_requests(delay):
+        while self._requests.serve(delay, lambda: self._paused):
             if self._paused:
                 delay = IDLE_PERIOD_S
                 self._show(whole=True)
@@ -290,22 +266,6 @@ class PhysicsThread:
                 self._step()
                 period = self._simulation.dt / self._speed if self._speed > 0.0 else 0.0
                 delay = self._pacer.wait_s(time.monotonic(), period)
-
-    def _serve_requests(self, delay: float) -> bool:
-        """Wait for the next step to be due and serve what comes in until then; False: the end."""
-        due = time.monotonic() + delay
-        while True:
-            left = due - time.monotonic()
-            try:
-                request = self._requests.get(timeout=left) if left > 0.0 else self._requests.get_nowait()
-            except queue.Empty:
-                return True
-            if request is None:
-                return False
-            paused = self._paused
-            request()
-            if self._paused != paused:
-                return True
 
     def _step(self) -> None:
         simulation = self._simulation
