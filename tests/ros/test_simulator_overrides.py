@@ -52,6 +52,9 @@ def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_unt
     assert until(lambda: len(states) > heard + 5)  # goes on, not paused
     assert frames[-1].poses[base].position.y == pytest.approx(0.01)
 
+    assert robot.set_parameters(overrides="dt: 0.005") == (True, "")
+    assert until(lambda: json.loads(structures[-1].data)["dt"] == 0.005)
+
     assert robot.set_parameters(robot="tripod") == (True, "")
     assert until(lambda: frames[-1].poses[base].position.y == pytest.approx(0.0, abs=1e-9))
     assert robot.get_parameter("overrides") == ""
