@@ -1,0 +1,116 @@
+"""A newcomer's walk: from a clean checkout `./softsim up tripod` says one address, and the robot is there."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("viser")
+
+from browser_page import BrowserPage
+from tcp_ports import free_port
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+MADE_WITHIN_S = 400.0
+"""Compiling the kernels on a busy machine."""
+
+SHOWN_WITHIN_S = 10.0
+"""From the environment being ready to the robot in the browser, on a machine with nothing else to do."""
+
+MAKER = """#!/bin/sh
+# in place of uv: the environment is the one of these tests, and nothing is fetched
+case "$1" in
+venv)
+    for folder in "$@"; do :; done
+    mkdir -p "$folder/bin"
+    printf '#!/bin/sh\\nPYTHONPATH="{checkout}" exec "{python}" "$@"\\n' >"$folder/bin/python"
+    chmod +x "$folder/bin/python"
+    printf 'import sys\\nfrom softsim_ros.cli.app import main\\nsys.exit(main())\\n' >"$folder/bin/softsim" ;;
+esac
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """The files that git knows and those it would take, in a folder of their own."""
+    if shutil.which("git") is None or not (REPOSITORY / ".git").exists():
+        pytest.skip("no git checkout to take a clean copy of")
+    if "/opt/ros/" in os.environ.get("AMENT_PREFIX_PATH", ""):
+        pytest.skip("a system ROS is active, which ./softsim refuses")
+    known = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    folder = tmp_path / "checkout"
+    for name in filter(None, known.stdout.split("\0")):
+        if (REPOSITORY / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(REPOSITORY / name, folder / name)
+    return folder
+
+
+@pytest.fixture
+def path(tmp_path: Path, checkout: Path) -> str:
+    """PATH with a maker of environments that fetches nothing."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "uv").write_text(MAKER.format(checkout=checkout, python=sys.executable))
+    (folder / "uv").chmod(0o755)
+    return f"{folder}{os.pathsep}{os.environ['PATH']}"
+
+
+def test_one_command_one_address_one_robot(
+    checkout: Path, path: str, ros_domain: int, browser: Any, spin_until: Callable[..., bool], tmp_path: Path
+) -> None:
+    log = tmp_path / "output.txt"
+    variables = {**os.environ, "PATH": path, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
+    for name in ("SOFTSIM_HOME", "SOFTSIM_PYTHON", "NUMBA_CACHE_DIR"):
+        variables.pop(name, None)
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            ["./softsim", "up", "tripod", "--port", str(free_port())],
+            cwd=checkout,
+            env=variables,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    try:
+        stamp = checkout / ".softsim" / "stamp"
+        over = lambda: process.poll() is not None  # noqa: E731
+        assert spin_until(lambda: stamp.exists() or over(), MADE_WITHIN_S), log.read_text()
+        ready = time.monotonic()
+        assert spin_until(lambda: "open http" in log.read_text() or over(), 120.0), log.read_text()
+        told = time.monotonic()
+        addresses = re.findall(r"http://\S+", log.read_text())
+        assert len(addresses) == 1, log.read_text()
+        page = BrowserPage(browser, addresses[0])
+        page.wait_for_node("/bodies/silicone")
+        shown = time.monotonic()
+        assert len(page.vertices("/bodies/silicone")) > 1000
+        page.close()
+        print(f"address after {told - ready:.1f} s, robot after {shown - ready:.1f} s")
+        busy = os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
+        assert shown - ready < SHOWN_WITHIN_S or busy
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60.0) == 0
+        assert len(re.findall(r"http://\S+", log.read_text())) == 1
+    finally:
+        process.kill()
