@@ -16,12 +16,15 @@ LONGEST_AXES_MM: Final = 30.0
 """Arrows of a rigid body's frame reach out of the body, but no farther than this."""
 
 
+_SINGLE: Final = frozenset({Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.CYLINDER})
+
+
 def marker_points(marker: Marker) -> NDArray[np.float32]:
-    """Points of a marker in [mm], shape (k, 3); a marker without a list is one point, its own position."""
+    """Points of a marker in [mm], shape (k, 3): of its list, or its own position if it is a single thing."""
     at = marker.pose.position
     shift = np.array([at.x, at.y, at.z])
     points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
-    return np.asarray(MM * (points + shift if len(points) else shift[None]), dtype=np.float32)
+    return np.asarray(MM * (shift[None] if marker.type in _SINGLE else points + shift), dtype=np.float32)
 
 
 def marker_colour(marker: Marker) -> tuple[int, int, int]:

@@ -12,6 +12,9 @@ from typing import Any
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.overrides import Item
 
+_LISTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
+"""Lists of parts, which are properties only where they are empty."""
+
 _SKIPPED = ("name", "keys", "controllers", "source")
 
 
@@ -62,7 +65,7 @@ def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: d
                 inner.append((f"{below}/{name or getattr(each, 'joint', i)}", item, each))
         else:
             rows.append((described.name, value_text(content), helps.get(described.name, "")))
-            if steps is not None and _is_plain(content):
+            if steps is not None and described.name not in _LISTS and _is_plain(content):
                 editable[described.name] = content
     found[path] = Part(path, summary, tuple(rows), steps, editable)
     for below, there, content in inner:

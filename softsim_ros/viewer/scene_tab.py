@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import html
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.files import known_scenes
+from softsim_core.scene.location import locate
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.part_panel import PartPanel
 from softsim_ros.viewer.part_tree import PartTree
@@ -90,5 +92,12 @@ class SceneTab:
         self._panel.show(self._parts[path], self._source_text(self._parts[path]))
 
     def _source_text(self, part: Part) -> str:
-        """Where a part is written."""
-        return "" if self._source is None else f"From <code>{html.escape(str(self._source))}</code>"
+        """Where a part is written; on this machine with a link that opens an editor there."""
+        if self._source is None:
+            return ""
+        file, line = locate(self._source, part.steps or ())
+        place = f"From <code style='word-break:break-all'>{html.escape(f'{file}:{line}')}</code>"
+        if not self._viewer.is_local:
+            return place
+        link = html.escape(f"vscode://file{quote(str(file))}:{line}")
+        return f'{place} <a href="{link}">open in VS Code</a>'

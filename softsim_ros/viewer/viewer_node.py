@@ -79,6 +79,11 @@ class Viewer(Commander):
         return self._server.rule.address
 
     @property
+    def is_local(self) -> bool:
+        """Whether only browsers of this machine see the page."""
+        return is_loopback(self._settings.host)
+
+    @property
     def is_orphan(self) -> bool:
         """Whether the program that started this one has ended, however."""
         return self._settings.parent not in (0, os.getppid())

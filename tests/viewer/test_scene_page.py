@@ -69,8 +69,12 @@ def test_a_part_is_changed_where_it_is_found_in_the_tree(scene: Scene) -> None:
     scene.page.page.get_by_text("A whole scene or robot").wait_for(state="visible")
     assert scene.visible("Show properties").count() == 1
     scene.open("joints", "servo_0", "base")
+    assert scene.until(lambda: scene.visible("Show properties").count() == 3)  # the scene, servo 0, its base
     scene.visible("Show properties").last.click()
     scene.field("translation").wait_for(state="visible")
+    link = scene.page.page.get_by_text("open in VS Code").get_attribute("href")
+    file, _, line = link.removeprefix("vscode://file").rpartition(":")
+    assert "translation" in Path(file).read_text().splitlines()[int(line) - 1]
     scene.field("translation").fill("[-0.06, 0.004, 0")
     scene.page.click("Apply changes")
     scene.page.page.get_by_text("YAML syntax").wait_for(state="visible")
@@ -118,9 +122,11 @@ def test_a_value_that_cannot_be_is_refused_and_nothing_moves(scene: Scene) -> No
 
 def test_a_part_is_hidden_by_its_switch(scene: Scene) -> None:
     scene.open("bodies", "silicone")
-    scene.page.page.get_by_role("checkbox", name="Shown", exact=True).locator("visible=true").first.click()
+    switch = scene.page.page.get_by_role("checkbox", name="Shown", exact=True).locator("visible=true")
+    assert scene.until(lambda: switch.count() == 1)
+    switch.click()
     scene.page.wait_until_gone(BODY)
-    scene.page.page.get_by_role("checkbox", name="Shown", exact=True).locator("visible=true").first.click()
+    switch.click()
     scene.page.wait_for_node(BODY)
 
 

@@ -180,6 +180,9 @@ def test_markers_are_drawn_in_millimetres_moved_and_taken_away() -> None:
     view.switch(False)
     assert not strip.visible
     assert marker_points(line).dtype == np.float32
+    none = marker(Marker.SPHERE_LIST, "contacts", [])
+    view.update(MarkerArray(markers=[none]))
+    assert "/cables/contacts_0" not in canvas.drawn  # an empty list is nothing, not a point at the origin
 
 
 def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
