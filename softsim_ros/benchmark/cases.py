@@ -17,6 +17,8 @@ LEVELS = ("low", "mid", "high")
 REFERENCE = "reference_"
 MESHES = (*LEVELS, *(REFERENCE + level for level in LEVELS))
 SCENES = ("held_centre", "tripod", "inverse", *touching.SCENES)
+TOUCHING_MESHES = ("low", REFERENCE + "low")
+"""Meshes on which scenes with cables and contact are measured."""
 
 OUR_PLACEMENT = Placement(translation=(0.0, 0.0, 0.025))
 REFERENCE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
@@ -62,7 +64,11 @@ def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
         SoftSimError: a file is missing or broken.
     """
     if scene in touching.SCENES:
-        return touching.describe_touching(scene)
+        if not mesh.startswith(REFERENCE):
+            return touching.describe_touching(scene)
+        return touching.describe_touching(
+            scene, silicone(mesh, reference), touching.reference_finger(reference)
+        )
     law: RotationLaw = "qr" if mesh.startswith(REFERENCE) else "polar"
     body = {"name": "silicone", "mesh": silicone(mesh, reference), "surface": None}
     named = "tripod" if scene == "inverse" else scene
@@ -79,13 +85,13 @@ def available_meshes(reference: Path) -> list[str]:
 
 
 def cases(meshes: Iterable[str], scenes: Iterable[str], reference: Path) -> Iterator[list[Case]]:
-    """The cases of each mesh in turn, those of one mesh together; what touches with our low meshes only.
+    """The cases of each mesh in turn, those of one mesh together; what touches on low meshes only.
 
     Raises:
         SoftSimError: a file is missing or broken.
     """
     chosen = tuple(scenes)
     for mesh in meshes:
-        group = [scene for scene in chosen if mesh == "low" or scene not in touching.SCENES]
+        group = [scene for scene in chosen if mesh in TOUCHING_MESHES or scene not in touching.SCENES]
         if group:
             yield [Case(scene, mesh, describe(scene, mesh, reference)) for scene in group]

@@ -39,6 +39,7 @@ class Record:
         ratio: What is judged, [-]; None: nothing.
         limit: The largest ratio that is right, [-].
         against: What the ratio compares with, for people.
+        scipy_ratio: Shortest time over that of the SciPy path in the same run, [-]; None without it.
     """
 
     scene: str
@@ -53,6 +54,7 @@ class Record:
     ratio: float | None = None
     limit: float | None = None
     against: str = ""
+    scipy_ratio: float | None = None
 
     @property
     def missed(self) -> bool:
@@ -72,7 +74,8 @@ class Record:
             "splu_min_ms": self.splu_min_ms,
         }
         judged = {} if self.ratio is None else {"ratio": self.ratio, "limit": self.limit}
-        return fixed | judged | self.extras
+        compared = {} if self.scipy_ratio is None else {"scipy_ratio": self.scipy_ratio}
+        return fixed | judged | compared | self.extras
 
 
 def judge(records: Iterable[Record]) -> None:
@@ -84,6 +87,8 @@ def judge(records: Iterable[Record]) -> None:
     for record in records:
         if record.path != "numba":
             continue
+        if (record.scene, record.mesh) in slow:
+            record.scipy_ratio = record.min_ms / slow[record.scene, record.mesh].min_ms
         if record.scene == "held_centre" and record.splu_min_ms is not None:
             record.ratio, record.limit = record.min_ms / record.splu_min_ms, HELD_LIMIT
             record.against = "splu"
@@ -97,12 +102,9 @@ def judge(records: Iterable[Record]) -> None:
             record.ratio, record.limit = record.min_ms / step.min_ms, TICK_LIMIT
             record.extras["median_ratio"] = record.median_ms / step.median_ms
             record.against = "tripod"
-        elif record.scene in LIMITS:
-            if record.mesh in held:
-                record.ratio = record.min_ms / held[record.mesh].min_ms
-                record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
-            if (record.scene, record.mesh) in slow:
-                record.extras["scipy_ratio"] = record.min_ms / slow[record.scene, record.mesh].min_ms
+        elif record.scene in LIMITS and record.mesh in held:
+            record.ratio = record.min_ms / held[record.mesh].min_ms
+            record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
 
 
 def write_json(records: Iterable[Record], file: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from softsim_ros.benchmark.records import Record
+from softsim_ros.benchmark.reference_sizes import reference_size
 
 HEAD = (
     "scene",
@@ -13,9 +14,11 @@ HEAD = (
     "path",
     "nodes",
     "tets",
+    "reference",
     "min ms",
     "median ms",
     "splu min",
+    "of scipy",
     "ratio",
     "target",
     "verdict",
@@ -46,15 +49,18 @@ def _share(value: float) -> str:
 
 def row(record: Record) -> tuple[str, ...]:
     """One record as text, a cell for each column of HEAD."""
+    nodes, tets = reference_size(record.scene, record.mesh)
     cells = (
         record.scene,
         record.mesh,
         record.path,
         str(record.nodes),
         str(record.elements),
+        f"{nodes}, {tets}",
         _number(record.min_ms),
         _number(record.median_ms),
         _number(record.splu_min_ms),
+        "" if record.scipy_ratio is None else _share(record.scipy_ratio),
     )
     if record.ratio is None or record.limit is None:
         return (*cells, "", "", "")

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import Backend, SceneDescription
+from softsim_core.scene.description import Backend, BodyDescription, SceneDescription
+from softsim_core.scene.values import MeshFile, Placement
 
 SCENES = ("cable_finger", "gripper_free", "gripper_grasp", "tripod_ball")
 LIMITS = {"cable_finger": 0.2, "gripper_free": 0.8, "gripper_grasp": 2.5, "tripod_ball": 1.2}
@@ -20,15 +25,50 @@ LEAD_IN = {"cable_finger": 60, "gripper_free": 60, "gripper_grasp": 350, "tripod
 """Steps to the state around which a scene is measured: the gripper has closed, the ball has come to rest."""
 
 
-def describe_touching(scene: str) -> SceneDescription:
-    """One of SCENES, on our own low meshes.
+_FINGER_TURNS = {
+    "finger": (90.0, 0.0, 90.0),
+    "finger_1": (-90.0, -75.0, -90.0),
+    "finger_2": (-90.0, -65.0, 90.0),
+    "finger_3": (-90.0, -65.0, 90.0),
+}
+"""Rotation in [deg] of the reference's finger mesh, whose axes are in another order, to where ours is."""
+
+
+def reference_finger(folder: Path) -> Path:
+    """File of the reference's finger mesh below the reference folder; it need not exist."""
+    return folder / "data" / "cable_gripper" / "finger.vtk"
+
+
+def describe_touching(
+    scene: str, silicone: MeshFile | None = None, finger: Path | None = None
+) -> SceneDescription:
+    """One of SCENES.
+
+    Args:
+        scene: Its name.
+        silicone: The Tripod's mesh, where it sits in the robot; None: our low mesh.
+        finger: The reference's finger mesh; None: our low mesh.
 
     Raises:
         SoftSimError: a file is missing or broken.
     """
-    if scene == "gripper_free":
-        return load_scene("cable_gripper", {"collisions": [], "rigid_bodies": []})
-    return load_scene("cable_gripper" if scene == "gripper_grasp" else scene)
+    named = "cable_gripper" if scene.startswith("gripper") else scene
+    overrides: dict[str, Any] = {"collisions": [], "rigid_bodies": []} if scene == "gripper_free" else {}
+    if scene == "tripod_ball" and silicone is not None:
+        overrides["bodies"] = [{"name": "silicone", "mesh": silicone, "surface": None}]
+        overrides["solver"] = {"rotation": "qr"}
+    elif scene != "tripod_ball" and finger is not None:
+        overrides["bodies"] = [_on_reference_mesh(body, finger) for body in load_scene(named).bodies]
+        overrides["solver"] = {"rotation": "qr"}
+    return load_scene(named, overrides)
+
+
+def _on_reference_mesh(body: BodyDescription, finger: Path) -> dict[str, Any]:
+    """What makes a finger one of the reference's mesh, in the same place."""
+    ours = body.mesh.placement if isinstance(body.mesh, MeshFile) else None
+    translation = ours.translation if ours is not None else (0.0, 0.0, 0.0)
+    placement = Placement(scale=0.001, rotation_deg=_FINGER_TURNS[body.name], translation=translation)
+    return {"name": body.name, "mesh": MeshFile(file=finger, placement=placement), "surface": None}
 
 
 class TouchingScene:
@@ -41,14 +81,15 @@ class TouchingScene:
     """
 
     def __init__(self, name: str, description: SceneDescription, backend: Backend) -> None:
-        leader = Simulation(description)
+        with warnings.catch_warnings():  # slivers of a mesh are no news here
+            warnings.simplefilter("ignore", UserWarning)
+            leader, self.simulation = Simulation(description), Simulation(description, backend)
         if description.start is not None:
             leader.start_animation()
         for step in range(LEAD_IN[name]):
             if description.start is None:
                 leader.command(_pulled(leader, name, step / LEAD_IN[name]))
             leader.step()
-        self.simulation = Simulation(description, backend)
         self._home, self._command = leader.snapshot(), leader.joint_targets
         self._random = np.random.default_rng(1)
         self.stir()
