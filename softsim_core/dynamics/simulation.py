@@ -1,42 +1,32 @@
-"""A running scene: step, command, snapshot, and everything one can look at."""
+"""A running scene: step, command, tune, snapshot."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-import warnings
 from collections.abc import Sequence
-from functools import cache
 from time import perf_counter
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from softsim_core.actuation.cable import Cables, CableView, no_cables
 from softsim_core.actuation.limits import check_command
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.arrays import Array
 from softsim_core.dynamics.bases import MovableBases
-from softsim_core.dynamics.contact_step import NOTHING, ContactReport, ContactStepper
+from softsim_core.dynamics.contact_step import NOTHING, ContactStepper
 from softsim_core.dynamics.drive import JointDrive
-from softsim_core.dynamics.scipy_step import ScipyStepper
+from softsim_core.dynamics.scene_state import SceneState
 from softsim_core.dynamics.statics import StaticSolution, solve_static
-from softsim_core.dynamics.stepper import Inputs, Stepper
+from softsim_core.dynamics.stepper import Inputs
 from softsim_core.errors import SceneError, SolverDivergedError, listing
 from softsim_core.fem.material import LinearMaterial
-from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.state import MEMORY, pack, unpack
-from softsim_core.mesh.follower import SurfaceFollower
-from softsim_core.scene.builder import build
-from softsim_core.scene.contact_builder import contacts
 from softsim_core.scene.description import Backend, SceneDescription
 
 RUNAWAY_SPEED = 1.0e4
 """A node faster than this, in [m/s], has run away."""
 
 
-class Simulation:
+class Simulation(SceneState):
     """A scene that runs in fixed steps. The same commands at the same steps give the same bytes.
 
     Args:
@@ -48,26 +38,13 @@ class Simulation:
     """
 
     def __init__(self, scene: SceneDescription, backend: Backend | None = None) -> None:
-        self.scene = scene
-        built = build(scene)
-        self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
-        self.rigid_bodies, self._cables = built.rigid, built.cables
-        self._stepper = make_stepper(self.model, backend or scene.solver.backend, self._cables)
-        self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
-        if self._contacts is not None or self.model.rigid.names:
-            self._stepper = ContactStepper(self._stepper, self._contacts)
-        self._state = self.model.rest_state()
+        super().__init__(scene, backend)
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(scene)
         self._bases = MovableBases(self.model.joints)
-        self.forces = np.zeros_like(self.model.rest)
         self._steps = 0
         self._step_time = self._controllers_time = 0.0
         self._header = hashlib.sha256(repr(self._fingerprint()).encode()).digest()
-        self._surface = SurfaceFollower(
-            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
-        )
-        self._mean_at_nodes = mean_at_nodes(self.model.elements.nodes, len(self.model.rest))
 
     # --- time ---
 
@@ -85,11 +62,6 @@ class Simulation:
     def time(self) -> float:
         """Simulated time in [s]."""
         return self.step_count * self.dt
-
-    @property
-    def backend(self) -> str:
-        """Implementation of the step: "numba" or "scipy"."""
-        return self._stepper.name
 
     @property
     def stage_times(self) -> dict[str, float]:
@@ -138,26 +110,6 @@ class Simulation:
         raise SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
 
     # --- commands ---
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Joint names in command order."""
-        return self.scene.joint_names
-
-    @property
-    def joint_positions(self) -> Array:
-        """Measured joint positions in [rad] or [m], shape (j,)."""
-        return self._state.joint_positions.copy()
-
-    @property
-    def joint_velocities(self) -> Array:
-        """Joint velocities in [rad/s] or [m/s], shape (j,)."""
-        return self._state.border_velocities[6 * len(self.model.frame_names) :].copy()
-
-    @property
-    def joint_efforts(self) -> Array:
-        """Torque in [N m] or force in [N] that each drive applied in the last step, shape (j,)."""
-        return self._state.joint_efforts.copy()
 
     @property
     def joint_targets(self) -> Array:
@@ -355,160 +307,3 @@ class Simulation:
         model = self.model
         arrays = (model.rest, model.elements.nodes, model.zone_of_node, model.gravity)
         return (self.scene.name, self.joint_names, model.dt, model.law, [array.tobytes() for array in arrays])
-
-    # --- what one can look at ---
-
-    @property
-    def positions(self) -> Array:
-        """Node positions of all bodies in [m], shape (n, 3)."""
-        return self._state.positions.copy()
-
-    @property
-    def velocities(self) -> Array:
-        """Node velocities of all bodies in [m/s], shape (n, 3)."""
-        return self._state.velocities.copy()
-
-    @property
-    def tets(self) -> IndexArray:
-        """Tetrahedra of all bodies, shape (m, 4)."""
-        return self.model.elements.nodes
-
-    @property
-    def surface_triangles(self) -> IndexArray:
-        """Boundary triangles of all bodies, as indices into `positions`, shape (k, 3)."""
-        return np.concatenate([np.zeros((0, 3), np.int64)] + [body.boundary for body in self.bodies])
-
-    def visual_points(self) -> Array:
-        """Vertices of the visual surfaces of all bodies now, in [m], shape (p, 3)."""
-        return self._surface.follow(self._state.positions)
-
-    def visual_values(self, node_values: Array) -> Array:
-        """Nodal values (n,) carried over to the vertices of the visual surfaces, shape (p,)."""
-        return self._surface.follow(node_values)
-
-    @property
-    def visual_triangles(self) -> IndexArray:
-        """Triangles of the visual surfaces of all bodies, as indices into `visual_points`, shape (q, 3)."""
-        return self._surface.triangles
-
-    @property
-    def visual_rest_points(self) -> Array:
-        """Vertices of the visual surfaces at rest, in [m], shape (p, 3)."""
-        return self._surface.rest_points
-
-    def border_stiffness(self) -> Array:
-        """Static stiffness of frames and joints at the present state, shape (b, b).
-
-        Free frames come first (velocity, then spin: six each), then joints; see Stepper.border_stiffness.
-        """
-        return self._stepper.border_stiffness(self._state, self.parameters, self.forces)
-
-    def von_mises(self) -> Array:
-        """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
-        return np.asarray(self._mean_at_nodes @ self._stepper.von_mises(self._state, self.parameters))
-
-    def frames(self) -> dict[str, Pose]:
-        """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
-        state, poses = self._state, {}
-        for f, name in enumerate(self.model.frame_names):
-            poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))
-        for j, joint in enumerate(self.model.joints):
-            if joint.cable:
-                continue
-            base, turn = self.model.base_frame(j, state)
-            poses[joint.name] = Pose(base, quaternion_of(turn))
-            origin, rotation = self.model.joint_frame(j, state)
-            poses[f"{joint.name}_horn"] = Pose(origin, quaternion_of(rotation))
-        return poses
-
-    @property
-    def rigid_poses(self) -> tuple[Pose, ...]:
-        """Poses of all rigid bodies, free and carried, in scene order."""
-        state, poses = self._state, []
-        for body in self.rigid_bodies:
-            if body.free >= 0:
-                position, rotation = state.rigid_positions[body.free], state.rigid_rotations[body.free]
-                poses.append(Pose(position.copy(), quaternion_of(rotation)))
-                continue
-            origin, turn = np.zeros(3), np.eye(3)
-            if body.on in self.joint_names:
-                origin, turn = self.model.joint_frame(self.joint_names.index(body.on), state)
-            elif body.on in self.model.frame_names:
-                f = self.model.frame_names.index(body.on)
-                origin, turn = state.frame_positions[f], state.frame_rotations[f]
-            elif body.on != "world":
-                j = self.joint_names.index(body.on.removesuffix("_base"))
-                origin, turn = self.model.base_frame(j, state)
-            poses.append(Pose(origin + turn @ body.position, quaternion_of(turn @ body.rotation)))
-        return tuple(poses)
-
-    @property
-    def cables(self) -> tuple[CableView, ...]:
-        """What one can see of each cable, in joint order."""
-        if self._cables is None:
-            return ()
-        return self._cables.views(self.model, self._state)
-
-    @property
-    def contacts(self) -> ContactReport:
-        """What touched in the last step."""
-        if isinstance(self._stepper, ContactStepper):
-            return self._stepper.report
-        return NOTHING
-
-    @property
-    def collision_surfaces(self) -> tuple[CollisionSurface, ...]:
-        """Collision surfaces over `collision_points`."""
-        return () if self._contacts is None else self._contacts.surfaces
-
-    @property
-    def collision_points(self) -> Array:
-        """Where the vertices of the collision surfaces are, in [m], shape (v, 3)."""
-        return np.zeros((0, 3)) if self._contacts is None else self._contacts.points(self.model, self._state)
-
-    @property
-    def effector_pose(self) -> Pose | None:
-        """Pose of the end effector, or None in a scene without one."""
-        if self.scene.effector is None:
-            return None
-        f = self.model.frame_names.index(self.scene.effector)
-        return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
-
-
-def mean_at_nodes(elements: IndexArray, count: int) -> csr_array:
-    """Matrix (n, m) from values of m elements to the mean of those around each of `count` nodes; 0 at others.
-
-    Args:
-        elements: Node indices, shape (m, a).
-        count: Number of nodes n.
-    """
-    nodes = elements.ravel()
-    around = np.bincount(nodes, minlength=count)
-    element = np.repeat(np.arange(len(elements)), elements.shape[1])
-    return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(elements)))
-
-
-def make_stepper(model: Model, backend: Backend, cables: Cables | None = None) -> Stepper:
-    """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once)."""
-    cables = cables if cables is not None else no_cables()
-    if backend != "scipy":
-        try:
-            from softsim_core.dynamics.fast.stepper import NumbaStepper
-
-            return NumbaStepper(model, cables)
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
-                raise
-            if backend == "numba":
-                raise SceneError(
-                    "backend numba needs the package numba: pip install numba, or use scipy"
-                ) from error
-            _say_that_numba_is_missing()
-    return ScipyStepper(model, cables)
-
-
-@cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings
-def _say_that_numba_is_missing() -> None:
-    warnings.warn(
-        "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=4
-    )

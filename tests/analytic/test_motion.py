@@ -8,7 +8,7 @@ from closed_forms import fall_height, fall_speed
 from small_scenes import GRAVITY, body, jittered, scene, slab
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import make_stepper
+from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.fem.corotational import deformation_gradients, element_rotations
 from softsim_core.mechanics.model import Model

@@ -8,7 +8,7 @@ from closed_forms import uniaxial_stretch
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.dynamics.simulation import make_stepper
+from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.statics import StaticSolution, solve_static
 from softsim_core.dynamics.stepper import Inputs
 from softsim_core.errors import NotConvergedError, SoftSimError

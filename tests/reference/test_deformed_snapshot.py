@@ -11,7 +11,7 @@ import pytest
 from reference_scenes import from_reference
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import make_stepper
+from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.statics import solve_static
 from softsim_core.dynamics.stepper import Inputs, Parameters
 from softsim_core.mechanics.model import HELD, Model

@@ -7,7 +7,7 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import make_stepper
+from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.stepper import Inputs
 from softsim_core.fem.corotational import polar_rotations
 from softsim_core.mechanics.pose import rotation_exp

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_scenes import body, jittered, machine, scene, slab
 
-from softsim_core.dynamics.simulation import make_stepper
+from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.stepper import Inputs
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
