@@ -1,0 +1,139 @@
+"""How a robot is driven: commands, start move, keys, inverse control. Typed, immutable, SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from softsim_core.errors import SceneError
+from softsim_core.scene.values import FieldError, Vector, need_finite, need_positive
+
+EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
+Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandSettings:
+    """What the simulator does with commands.
+
+    Attributes:
+        enforce_limits: Keep joint limits (position and speed); False allows full turns, in simulation only.
+        out_of_range: "clamp" to the nearest allowed position, or "refuse" the whole command.
+    """
+
+    enforce_limits: bool = True
+    out_of_range: Literal["clamp", "refuse"] = "clamp"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartAnimation:
+    """The robot's start move: all joints from rest to a named pose, bases sliding in, in simulation only.
+
+    Attributes:
+        pose: Name of the pose reached.
+        duration: Time in [s], > 0.
+        base_shift: Shift in [m] of every joint's base along its slide_axis.
+        at_start: Play it as soon as the simulation runs.
+    """
+
+    pose: str
+    duration: float = 0.2
+    base_shift: float = 0.0
+    at_start: bool = False
+
+    def __post_init__(self) -> None:
+        need_positive("start animation", "duration", self.duration, "s")
+        need_finite("start animation", "base_shift", (self.base_shift,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyBinding:
+    """What a teleop key does: move joints `by` [rad] or [m], go to a `pose`, or an `action`."""
+
+    help: str
+    joints: tuple[str, ...] = ()
+    by: float = 0.0
+    pose: str | None = None
+    action: Action | None = None
+
+    def __post_init__(self) -> None:
+        if sum((bool(self.joints), self.pose is not None, self.action is not None)) != 1:
+            raise SceneError(f"key binding {self.help!r}: give exactly one of joints, pose and action")
+        need_finite(f"key binding {self.help!r}", "by", (self.by,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InverseSettings:
+    """Inverse control: which effector coordinates follow the goal, and how.
+
+    Attributes:
+        task: What of a goal is followed: "position" (x, y, z), "orientation" (a rotation), "height_tilt"
+            (z and where the effector's z axis points) or "pose" (all six).
+        position_weights: Weight of the error along world x, y, z in [-], >= 0.
+        orientation_weights: Weight of the rotation error about world x, y, z in [-], >= 0.
+        lever: Length in [m] with which an angle counts as a displacement beside positions, > 0.
+        gain: Share of the error that one control tick takes away, in (0, 1].
+        max_shift: Largest position error in [m] along an axis that a tick looks at, > 0.
+        max_turn: Largest rotation error in [rad] about an axis that a tick looks at, > 0.
+        effort_weight: Weight of small joint efforts against tracking in [-], >= 0; decides between joints
+            that can do the same.
+        posture_weight: Weight of staying near `posture` against tracking in [-], >= 0.
+        posture: Name of the pose that `posture_weight` pulls to; None: where control starts.
+        lower, upper: Narrower joint interval in [rad] or [m] for all joints; None: the joints' own limits.
+        speed: Lower joint speed in [rad/s] or [m/s], > 0; None: the joints' own.
+        torque_limit: Largest holding torque in [N m] or force in [N] of a joint, > 0; None: not limited.
+        backend: Effector Jacobian by the static tangent ("analytic") or from sampled equilibria ("sampled").
+        feedback_gain: Rate in [1/s] at which the model's error against the measured pose is learned, >= 0.
+        max_correction: Largest learned position error in [m], >= 0; anti-windup.
+        max_correction_turn: Largest learned rotation error in [rad], >= 0; anti-windup.
+        tolerance: A goal is reached within this distance in [m], > 0.
+        tolerance_turn: And within this angle in [rad], > 0.
+    """
+
+    task: EffectorTask = "position"
+    position_weights: Vector = (1.0, 1.0, 1.0)
+    orientation_weights: Vector = (1.0, 1.0, 1.0)
+    lever: float = 0.03
+    gain: float = 0.5
+    max_shift: float = 0.030
+    max_turn: float = 0.2
+    effort_weight: float = 1.0e-6
+    posture_weight: float = 0.0
+    posture: str | None = None
+    lower: float | None = None
+    upper: float | None = None
+    speed: float | None = None
+    torque_limit: float | None = None
+    backend: Literal["analytic", "sampled"] = "analytic"
+    feedback_gain: float = 5.0
+    max_correction: float = 0.010
+    max_correction_turn: float = 0.2
+    tolerance: float = 1.0e-4
+    tolerance_turn: float = 1.0e-3
+
+    def __post_init__(self) -> None:
+        units = (("lever", "m"), ("max_shift", "m"), ("max_turn", "rad"), ("tolerance", "m"))
+        for name, unit in (*units, ("tolerance_turn", "rad"), ("speed", ""), ("torque_limit", "")):
+            value = getattr(self, name)
+            if value is not None:
+                need_positive("inverse", name, value, unit)
+        for name in (
+            "effort_weight",
+            "posture_weight",
+            "feedback_gain",
+            "max_correction",
+            "max_correction_turn",
+        ):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise FieldError("inverse", name, getattr(self, name), ">= 0")
+        for name in ("position_weights", "orientation_weights"):
+            if not all(0.0 <= weight < math.inf for weight in getattr(self, name)):
+                raise FieldError("inverse", name, list(getattr(self, name)), "three numbers >= 0")
+        if not 0.0 < self.gain <= 1.0:
+            raise FieldError("inverse", "gain", self.gain, "> 0 and <= 1")
+        for name in ("lower", "upper"):
+            if math.isnan(getattr(self, name) or 0.0):
+                raise FieldError("inverse", name, math.nan, "a number (or absent)")
+        if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
+            raise FieldError("inverse", "lower", self.lower, f"<= upper = {self.upper}")
