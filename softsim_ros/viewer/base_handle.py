@@ -25,6 +25,7 @@ class BaseHandle:
         self._scene, self._inbox, self._on_move = scene, inbox, on_move
         self._arrows: Any = None
         self._dragged, self._moved_at = False, -np.inf
+        self._shown: Array = np.zeros(3)
         self.joint: str | None = None
 
     def choose(self, joint: str | None) -> None:
@@ -39,7 +40,7 @@ class BaseHandle:
         if self._arrows is None:
             self._arrows = self._make()
         if not self._dragged and time.monotonic() - self._moved_at > HOLD_S:
-            self._arrows.position = position
+            self._arrows.position = self._shown = position
 
     def _make(self) -> Any:
         arrows = self._scene.add_transform_controls(
@@ -55,5 +56,6 @@ class BaseHandle:
 
     def _drag(self, position: Array, ends: bool) -> None:
         self._dragged, self._moved_at = not ends, time.monotonic()
-        if self.joint is not None:
+        moved, self._shown = not np.allclose(position, self._shown, atol=1e-6), position
+        if self.joint is not None and moved:  # not only touched
             self._on_move(self.joint, position)

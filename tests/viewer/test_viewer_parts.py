@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,14 +21,17 @@ from softsim_core.scene.description import KeyBinding
 from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer import readings
+from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.collision_view import CollisionView
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.layers import LAYERS
 from softsim_ros.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
 from softsim_ros.viewer.normals_view import NormalsView
+from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.properties import parts_of
 from softsim_ros.viewer.pull import Pull
+from softsim_ros.viewer.scene_tab import joint_at
 from softsim_ros.viewer.shapes import box_lines, normal_lines, shrunk_faces, sphere_lines, tetrahedra_edges
 from softsim_ros.viewer.stage import camera_for
 from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
@@ -140,6 +145,9 @@ class Drawn:
     def remove(self) -> None:
         self.removed = True
 
+    def on_update(self, callback: object) -> None:
+        self.callback = callback
+
 
 class Canvas:
     """Records what is drawn, by name."""
@@ -152,7 +160,7 @@ class Canvas:
         return self.drawn[name]
 
     add_line_segments = add_point_cloud = add_mesh_simple = add_icosphere = add
-    add_frame = add_label = add_box = add
+    add_frame = add_label = add_box = add_transform_controls = add
 
 
 def marker(kind: int, name: str, points: list[tuple[float, float, float]]) -> Marker:
@@ -281,6 +289,35 @@ def test_what_lies_inside_obeys_the_view() -> None:
     assert canvas.drawn["/nodes"].point_size == pytest.approx(2.0)
     inside.obey(ViewSettings(nodes=True, hidden=("bodies/silicone",)))
     assert len(canvas.drawn["/nodes"].points) == 1
+
+
+def test_the_handle_of_a_base_moves_it_only_when_it_is_moved() -> None:
+    canvas, inbox, asked = Canvas(), Inbox(), []
+    handle = BaseHandle(canvas, inbox, lambda joint, position: asked.append((joint, position.tolist())))
+    handle.choose("servo_0")
+    handle.follow(np.array([1.0, 2.0, 3.0]))
+    arrows = canvas.drawn["/base_handle"]
+
+    def drag(phase: str, *position: float) -> None:
+        event = SimpleNamespace(target=SimpleNamespace(position=position), phase=phase)
+        asyncio.run(arrows.callback(event))
+        for action in inbox.take():
+            action()
+
+    drag("start", 1.0, 2.0, 3.0)
+    assert asked == []
+    drag("update", 1.0, 2.0, 4.0)
+    handle.follow(np.array([1.0, 2.0, 3.1]))
+    assert arrows.position.tolist() == [1.0, 2.0, 3.0]  # stays in the hand
+    drag("end", 1.0, 2.0, 4.0)
+    assert asked == [("servo_0", [1.0, 2.0, 4.0])]
+    handle.choose(None)
+    assert arrows.removed
+    assert [joint_at(f"tripod{path}") for path in ("", "/joints", "/joints/servo_1/base")] == [
+        None,
+        None,
+        "servo_1",
+    ]
 
 
 def test_the_camera_starts_where_it_sees_the_bodies() -> None:
