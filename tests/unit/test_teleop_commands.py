@@ -63,6 +63,23 @@ def test_the_tripods_keys(name: str, ctrl: bool, expected: tuple[float, ...]) ->
 
 
 @pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("plus", (0.0015, 0.001, 0.021, -0.01, 0.02)),
+        ("minus", (0.0, 0.0, 0.019, -0.01, 0.02)),  # not below 0
+        ("up", (0.0005, 0.0, 0.02, -0.009, 0.02)),
+        ("down", (0.0005, 0.0, 0.02, -0.011, 0.02)),
+        ("left", (0.0005, 0.0, 0.02, -0.01, 0.021)),
+        ("right", (0.0005, 0.0, 0.02, -0.01, 0.019)),
+    ],
+)
+def test_the_grippers_keys(name: str, expected: tuple[float, ...]) -> None:
+    """Plus closes all fingers by 1 mm, minus opens them; arrows move the whole gripper by 1 mm."""
+    state = TeleopState(measured=(0.0005, 0.0, 0.02, -0.01, 0.02), measured_at=0.0)
+    assert published(state, name, robot=load_scene("cable_gripper")) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
     ("name", "action"), [("a", "start"), ("b", "send"), ("i", "inverse"), ("r", "reset"), ("space", "pause")]
 )
 def test_action_keys_need_no_measurement(name: str, action: str) -> None:
