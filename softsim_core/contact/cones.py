@@ -84,14 +84,20 @@ def edge_is_closest(
 
 
 @kernel
-def is_ridge(edge: int, at: Vector, direction: Vector, opposite: IndexArray, points: Array) -> bool:
-    """Whether the edge's triangles fall away from the unit vector `direction`, and it is not flat."""
+def is_ridge(
+    edge: int, at: Vector, along: Vector, direction: Vector, opposite: IndexArray, points: Array
+) -> bool:
+    """Whether the edge's triangles fall away from `direction`, and it is not flat.
+
+    The unit vector `direction` is normal to the edge, which runs along `along`.
+    """
     if opposite[edge, 1] < 0:
         return edge_is_closest(edge, at, direction, CONE, opposite, points)
     fall = 0.0
     for side in range(2):
         off = minus(row(points, opposite[edge, side]), at)
-        rise = dot(off, direction) / length(off)
+        aside = minus(off, scaled(along, dot(off, along) / dot(along, along)))
+        rise = dot(off, direction) / length(aside)
         if rise > CONE:
             return False
         fall -= rise

@@ -19,6 +19,7 @@ from softsim_core.contact.cones import (
 from softsim_core.contact.found import Found, Near, features, next_row, write, write_pair
 from softsim_core.contact.topology import Topology
 from softsim_core.contact.vectors import add, cross, dot, length, minus, row, scaled, unit
+from softsim_core.contact.way_out import leads_out
 
 _PARALLEL = 4.0e-4
 """Edges at an angle with a squared sine below this have no contact between their insides."""
@@ -135,9 +136,15 @@ def meet_edges(
         distance = dot(gap, normal)
         if distance < -0.5 * reach:
             continue
-        if not is_ridge(f, q, normal, topology.opposite, points):
+        if not is_ridge(f, q, along_f, normal, topology.opposite, points):
             continue
-        if not is_ridge(e, p, scaled(normal, -1.0), topology.opposite, points):
+        back = scaled(normal, -1.0)
+        if not is_ridge(e, p, along_e, back, topology.opposite, points):
+            continue
+        if distance < 0.0 and not (
+            leads_out(p, normal, sb, reach, points, topology, boxes)
+            and leads_out(q, back, sa, reach, points, topology, boxes)
+        ):
             continue
         spot = next_row(found.counter, found.distance)
         if spot < 0:
