@@ -54,7 +54,7 @@ def held_box(fingers: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("fingers", [2, 3, 4])
 @pytest.mark.parametrize("friction", [0.0, 0.08, 0.3, 0.8])
 def test_a_held_box_obeys_the_law_within_few_sweeps(fingers: int, friction: float) -> None:
-    for seed in range(15):
+    for seed in (0, 1, 21, 30, 35, 37, 38):  # from 21 on, sweeps and Newton's method alone get stuck
         compliance, gap = held_box(fingers, seed)
         solution = solve_contacts(compliance, gap, NONE, friction, np.zeros(len(gap)), 1000, 1e-8)
         assert solution.residual <= 1e-8
