@@ -30,6 +30,7 @@ class RobotNode(ClosableNode):
 
     Attributes:
         node_name: Name of the node.
+        changes_robot: Whether the parameter `robot` may be set while the node runs.
         robot: Name of the robot.
 
     Raises:
@@ -37,6 +38,7 @@ class RobotNode(ClosableNode):
     """
 
     node_name: ClassVar[str]
+    changes_robot: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -49,7 +51,7 @@ class RobotNode(ClosableNode):
         overrides = list(parameter_overrides)
         if robot is None:
             with parameter_probe(self.node_name, context=context, parameter_overrides=overrides) as probe:
-                robot = declare_robot(probe)
+                robot = self._declare_robot(probe)
         scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
         self.robot = scene.name
         super().__init__(
@@ -59,7 +61,7 @@ class RobotNode(ClosableNode):
             parameter_overrides=overrides,
         )
         try:
-            declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
+            self._declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:
@@ -70,19 +72,17 @@ class RobotNode(ClosableNode):
     def _begin(self, scene: SceneDescription) -> None:
         """Declare parameters, make topics and services, start; an error here closes the node."""
 
+    def _declare_robot(self, node: Node, default: str = DEFAULT_ROBOT) -> str:
+        return declare_text(
+            node,
+            "robot",
+            default,
+            "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
+            read_only=not self.changes_robot,
+        )
+
     def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
         """Tell /diagnostics how the node is."""
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
-
-
-def declare_robot(node: Node, default: str = DEFAULT_ROBOT) -> str:
-    """Declare and return which robot or scene runs: a name or a path; another one can be set at run time."""
-    return declare_text(
-        node,
-        "robot",
-        default,
-        "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
-        read_only=False,
-    )

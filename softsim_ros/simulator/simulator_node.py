@@ -58,6 +58,7 @@ class Simulator(RobotNode):
     """
 
     node_name = NODE_NAME
+    changes_robot = True
     _physics: PhysicsThread | None = None
     _closed = False
     _applies_parameters = True

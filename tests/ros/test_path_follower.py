@@ -237,3 +237,9 @@ def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
     assert "known paths" in result.reason
     assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
     assert bench.start()[0]
+
+
+def test_its_robot_stays_the_same(start_follower: Any) -> None:
+    follower = start_follower(None).follower
+    assert not follower.set_parameters([Parameter("robot", value="cable_gripper")])[0].successful
+    assert follower.get_parameter("robot").value == "tripod"
