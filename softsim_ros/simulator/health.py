@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from softsim_ros.messages.diagnostics import ERROR, OK, WARN
 from softsim_ros.simulator.physics_thread import PhysicsStatus
 
 SLOW = 0.95
 """Below this share of the asked speed the simulator says that it is slow."""
+
+NOT_LOADED: Final = "scene not loaded: "
+"""How a fault begins whose cause is a file of the scene; the physics before it is whole."""
 
 
 def memory_mb() -> float:
@@ -53,6 +57,7 @@ def health(
         "time_s": status.time_s,
         "dt_s": status.dt,
         "time_behind_s": status.late_s,
+        "scene": "not loaded" if status.fault.startswith(NOT_LOADED) else "loaded",
         "trajectory": "running" if status.trajectory else "none",
         "clamped_commands": status.clamped_commands,
         "refused_commands": status.refused_commands,

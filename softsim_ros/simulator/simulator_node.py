@@ -27,7 +27,7 @@ from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
 from softsim_ros.simulator.bases import BaseTargets
 from softsim_ros.simulator.commands import position_command, trajectory_command
-from softsim_ros.simulator.health import health
+from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.parameters import (
     StartParameters,
     declare_overrides,
@@ -235,7 +235,7 @@ class Simulator(RobotNode):
             if declared:
                 self._start_parameters = declare_physics_again(self, before.scene, before)
             reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
-            sentence = f"scene not loaded: {reason}"
+            sentence = f"{NOT_LOADED}{reason}"
             self.physics.stop(sentence)
             raise SoftSimError(sentence) from error
         finally:

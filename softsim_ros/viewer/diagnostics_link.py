@@ -24,6 +24,7 @@ class DiagnosticsLink:
 
     Attributes:
         fault: What the simulator says is wrong; empty while nothing is.
+        scene_error: The same where a file of the scene is the cause.
         e_stopped: Whether the servos are held still by the e-stop.
         time_s: Simulated time in [s]; None: not heard.
         dt: Time step in [s]; None: not heard.
@@ -34,7 +35,7 @@ class DiagnosticsLink:
 
     def __init__(self, node: Node) -> None:
         self.log = LogLink(node)
-        self.fault = ""
+        self.fault = self.scene_error = ""
         self.e_stopped = False
         self.time_s: float | None = None
         self.dt: float | None = None
@@ -50,6 +51,7 @@ class DiagnosticsLink:
             if status.name == f"{self._space}/simulator":
                 self.fault = status.message if status.level == DiagnosticStatus.ERROR else ""
                 values = _values(status)
+                self.scene_error = self.fault if values.get("scene") == "not loaded" else ""
                 self.time_s, self.dt = float(values["time_s"]), float(values["dt_s"])
             elif status.name == f"{self._space}/servo_bridge: servo board":
                 self.e_stopped = _values(status).get("e_stop") == "True"

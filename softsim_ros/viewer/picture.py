@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +26,13 @@ from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
 from softsim_ros.viewer.surface import MM, Part
+
+ERROR_WIDTH: Final = 36
+"""Letters in a line of an error that takes the place of the scene."""
+
+_SWITCHES: Any = {each.name: False for each in fields(ViewSettings) if each.type == "bool"}
+NOTHING: Final = ViewSettings(**_SWITCHES)
+"""What is shown of a scene whose files are wrong."""
 
 _NEWEST_ONLY: Final = QoSProfile(depth=1)
 _LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -68,6 +76,8 @@ class Picture:
     ) -> None:
         self._node, self._server, self._inbox = node, server, inbox
         self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
+        self._error = ""
+        self._error_label: Any = None
         self._structure: dict[str, Any] = {}
         self._seen = ""
         self._begun: tuple[str, ViewSettings] | None = None
@@ -101,6 +111,7 @@ class Picture:
             self._begun, self.view = (robot.name, robot.view), robot.view
             self._seen = ""
         frames = list(self._structure.get("frames", ()))
+        self._error, self._error_label = "", None
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
         self.base = BaseHandle(self._server.scene, self._inbox, self._on_base)
         self.stage.set_pull_mode(self._pull_mode)
@@ -194,12 +205,31 @@ class Picture:
     def show(self, view: ViewSettings) -> None:
         """Show what a view says; large messages are asked for only while they are needed. Cameras stay."""
         self.view = view
-        self.stage.obey(view)
+        self.stage.obey(NOTHING if self._error else view)
         self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
         self._want(
             MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
         )
+
+    def show_error(self, sentence: str) -> None:
+        """Show a sentence in place of the scene; an empty one shows the scene again."""
+        if sentence == self._error:
+            return
+        self._error = sentence
+        if self._error_label is not None:
+            self._error_label.remove()
+            self._error_label = None
+        self.show(self.view)
+        if sentence:
+            points = self.stage.surface.points
+            self._error_label = self._server.scene.add_label(
+                "/error",
+                "\n".join(textwrap.wrap(sentence, ERROR_WIDTH)),
+                position=points.mean(axis=0) if len(points) else (0.0, 0.0, 0.0),
+                font_screen_scale=1.3,
+                anchor="center-center",
+            )
 
     def change(self, **values: Any) -> None:
         """Show the present view with other values of some of its fields."""

@@ -156,6 +156,7 @@ class Viewer(Commander):
             goal = (self.goal or self.state.effector) if self.state.inverse else None
             stage.show_goal(goal, now)
             with self._server.atomic():
+                self.picture.show_error(self.diagnostics.scene_error)
                 self.controls.refresh()
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
