@@ -93,7 +93,7 @@ def test_notch_walls_touch_and_do_not_cross_at_full_pull(
 
 
 @pytest.mark.slow
-def test_random_commands_on_the_gripper_end_finite() -> None:
+def test_random_commands_on_the_gripper_are_solved_and_end_finite() -> None:
     sim = Simulation(load_scene("cable_gripper", kind="robots"))
     random = np.random.default_rng(11)
     low = np.array([0.0, 0.0, 0.0, -0.055, -0.05])
@@ -102,7 +102,7 @@ def test_random_commands_on_the_gripper_end_finite() -> None:
         if step % 25 == 0:
             sim.command(random.uniform(low, high))
         sim.step()
-        assert np.isfinite(sim.contacts.residual)
+        assert sim.contacts.residual < 1e-6
     assert np.isfinite(sim.positions).all()
     assert np.isfinite(sim.joint_efforts).all()
     assert (sim.joint_efforts[:3] >= 0.0).all()
