@@ -5,7 +5,9 @@ from __future__ import annotations
 from math import acos
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.closest import FACE
 from softsim_core.contact.compile import kernel
+from softsim_core.contact.topology import Topology
 from softsim_core.contact.vectors import Vector, add, dot, length, minus, row, scaled, unit
 
 CONE = 0.1
@@ -42,6 +44,17 @@ def vertex_normal(
         cosine = dot(unit(minus(row(points, second), p)), unit(minus(row(points, third), p)))
         total = add(total, scaled(row(normals, t), acos(min(1.0, max(-1.0, cosine)))))
     return total
+
+
+@kernel
+def outward_at(t: int, feature: int, points: Array, topology: Topology, normals: Array) -> Vector:
+    """Outward normal, of any length, of a feature of triangle t: its face, or an edge or corner it shares."""
+    if feature == FACE:
+        return row(normals, t)
+    if feature >= 3:
+        return edge_normal(topology.triangle_edges[t, feature - 3], topology.sides, normals)
+    corner = topology.triangles[t, feature]
+    return vertex_normal(corner, points, topology.fan_start, topology.fan, topology.triangles, normals)
 
 
 @kernel

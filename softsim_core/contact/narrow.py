@@ -13,8 +13,8 @@ from softsim_core.contact.cones import (
     edge_normal,
     is_ridge,
     opposed,
+    outward_at,
     vertex_is_closest,
-    vertex_normal,
 )
 from softsim_core.contact.found import Found, Near, features, next_row, write, write_pair
 from softsim_core.contact.topology import Topology
@@ -43,8 +43,7 @@ def meet_vertices(
         a, b, c = row(points, i), row(points, j), row(points, k)
         radius = radii[v]
         limit = reach + radius
-        outward = row(normals, t)
-        if abs(dot(minus(p, a), outward)) > limit:
+        if abs(dot(minus(p, a), row(normals, t))) > limit:
             continue
         wi, wj, wk, feature = closest_on_triangle(p, a, b, c)
         q = add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk))
@@ -56,10 +55,7 @@ def meet_vertices(
             continue  # the triangle that owns the edge or corner looks at it
         vertex = triangles[t, feature] if feature < 3 else -1
         edge = topology.triangle_edges[t, feature - 3] if 3 <= feature < FACE else -1
-        if edge >= 0:
-            outward = edge_normal(edge, topology.sides, normals)
-        elif vertex >= 0:
-            outward = vertex_normal(vertex, points, topology.fan_start, topology.fan, triangles, normals)
+        outward = outward_at(t, feature, points, topology, normals)
         inside = dot(gap, outward) < 0.0
         if inside and feature != FACE and topology.closed[sb if first else sa] == 0:
             continue  # behind the rim of an open surface

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from softsim_core.arrays import Array
 from softsim_core.contact.boxes import Boxes
-from softsim_core.contact.closest import FACE, closest_on_triangle
+from softsim_core.contact.closest import closest_on_triangle
 from softsim_core.contact.compile import kernel
-from softsim_core.contact.cones import edge_normal, vertex_normal
+from softsim_core.contact.cones import outward_at
 from softsim_core.contact.topology import Topology
 from softsim_core.contact.vectors import Vector, add, dot, minus, row, scaled, unit
 
@@ -25,19 +25,7 @@ def leads_out(
     t, feature = _nearest(p, s, reach, points, topology, boxes)
     if t < 0:
         return True
-    if feature == FACE:
-        outward = row(boxes.normal, t)
-    elif feature < 3:
-        outward = vertex_normal(
-            topology.triangles[t, feature],
-            points,
-            topology.fan_start,
-            topology.fan,
-            topology.triangles,
-            boxes.normal,
-        )
-    else:
-        outward = edge_normal(topology.triangle_edges[t, feature - 3], topology.sides, boxes.normal)
+    outward = outward_at(t, feature, points, topology, boxes.normal)
     return dot(unit(outward), direction) > _AGAINST
 
 
