@@ -31,10 +31,18 @@ def spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> 
     return True
 
 
+domain_guards: list[int] = []
+"""File descriptors of the ports that stand for the ROS domains of the running test."""
+
+
 @contextmanager
 def private_ros(folder: Path) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`."""
-    for domain in range(10, 100):
+    """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`.
+
+    A bound port stands for the domain. Processes of the test inherit it: one that outlives a killed test run
+    keeps its domain, and disturbs nobody.
+    """
+    for domain in range(20, 100):
         guard = socket.socket()
         try:
             guard.bind(("127.0.0.1", 47400 + domain))
@@ -46,7 +54,9 @@ def private_ros(folder: Path) -> Iterator[int]:
             patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
             patch.setenv("ROS_LOG_DIR", str(folder / "log"))
             patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+            domain_guards.append(guard.fileno())
             yield domain
+            domain_guards.remove(guard.fileno())
         return
     pytest.fail("no free ROS domain")
 
@@ -68,6 +78,7 @@ class NodeProcess:
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
+                pass_fds=list(domain_guards),
             )
 
     @property

@@ -18,6 +18,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from node_processes import domain_guards
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 DEADLINE_S = 90.0  # the first start of a robot on a machine compiles kernels
 
@@ -59,6 +61,7 @@ class TerminalSession:
             },
             start_new_session=True,
             preexec_fn=self._control_terminal,
+            pass_fds=list(domain_guards),
         )
         self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
         self._reader.start()
