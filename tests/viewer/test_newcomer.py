@@ -19,6 +19,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
+from node_processes import domain_guards
 from tcp_ports import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -91,6 +92,7 @@ def test_one_command_one_address_one_robot(
             stdout=output,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            pass_fds=list(domain_guards),
         )
     try:
         stamp = checkout / ".softsim" / "stamp"

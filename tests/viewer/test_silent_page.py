@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 BODY = "/bodies/silicone"
-TABS = ("Drive", "View", "Tune", "Plots", "Timing", "Scene")
+TABS = ("Drive", "View", "Tune", "Plots", "Timing", "Log", "Scene")
 SETTLE_MS = 1500
 """Longer than a control that was touched waits before it follows, and than a poll of the parameters."""
 
