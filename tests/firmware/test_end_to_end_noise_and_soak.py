@@ -38,6 +38,7 @@ def packets(kind: str, count: int, choose: random.Random) -> list[bytes]:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1e-3, 1e-2])
 @pytest.mark.parametrize("kind", ["legacy", "extended"])
 def test_noise_never_makes_a_servo_faster_than_the_slew_limit(kind: str, rate: float) -> None:
