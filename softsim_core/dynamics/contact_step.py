@@ -93,6 +93,8 @@ class ContactStepper:
             return speed
         watch = Stopwatch()
         touching = self._contacts.find(model, before, state)
+        if not len(touching):
+            touching = self._contacts.find_farther(touching, model, before, state)
         watch.mark("detect")
         if len(touching):
             speed = self._hold(speed, state, before, inputs, touching, self._contacts.settings, watch)

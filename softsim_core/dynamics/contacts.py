@@ -57,6 +57,8 @@ class Touching:
         points: Middle of each contact in [m], shape (k, 3).
         pairs: Numbers of the two surfaces, shape (k, 2).
         keys: What touches, shape (k,).
+        vertices: Positions of the collision vertices at the start of the step in [m], shape (v, 3).
+        travel: How far those of each surface were taken to move in the step, in [m], shape (s,).
     """
 
     rows: Rows
@@ -66,6 +68,8 @@ class Touching:
     points: Array
     pairs: IndexArray
     keys: Array
+    vertices: Array
+    travel: Array
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -111,6 +115,7 @@ class Contacts:
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self._carried = _carried(surfaces, nodes, weights, carriers, model)
+        self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
         self._spheres = tuple(each for each in carriers if self._carried.radius[each.vertices].any())
         self._moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
@@ -136,11 +141,14 @@ class Contacts:
         """What is nearer than `reach` [m] for vertices at `points` (v, 3)."""
         return self._detector.detect(points, reach)
 
-    def find(self, model: Model, before: State, free: State) -> Touching:
-        """What touches in a step from `before` that moves freely to `free`."""
+    def find(self, model: Model, before: State, free: State, at_least: Array | float = 0.0) -> Touching:
+        """What touches in a step from `before` that moves freely to `free`.
+
+        The vertices of each surface are taken to move `at_least` this far, in [m], shape (s,).
+        """
         points, moved = self.points(model, before), self.points(model, free)
         moved -= points
-        travel = self._farthest(moved, model, before)
+        travel = np.maximum(self._expected(moved, model, before), at_least)
         near = self._detector.detect(points, self.settings.alarm_distance, travel)
         count = len(near.key)
         vertices = np.concatenate([near.a, near.b], axis=1)
@@ -161,17 +169,30 @@ class Contacts:
         )
         rows, on_rigid = self._rows(vertices, shares, directions, points, model, before)
         keys = (near.key % KEYS).astype(float)
-        return Touching(rows, on_rigid, gap.ravel(), directions, middle, near.pair, keys)
+        return Touching(rows, on_rigid, gap.ravel(), directions, middle, near.pair, keys, points, travel)
 
-    def _farthest(self, moved: Array, model: Model, before: State) -> Array:
-        """How far a vertex of each surface may move in the step, in [m], shape (s,).
+    def find_farther(self, nothing: Touching, model: Model, before: State, free: State) -> Touching:
+        """Look anew where nothing touches but a force throws something farther than its speed had told."""
+        travel = self._farthest(self.points(model, free) - nothing.vertices)
+        beyond = sorted((travel - nothing.travel).tolist())[-2:]
+        slack = self.settings.alarm_distance - self.settings.contact_distance
+        if sum(max(each, 0.0) for each in beyond) <= slack:
+            return nothing
+        return self.find(model, before, free, travel)
 
-        Soft vertices by their velocity at its start: in free motion cables let go, and everything flies.
+    def _expected(self, moved: Array, model: Model, before: State) -> Array:
+        """How far the vertices of each surface will move in the step, in [m], shape (s,).
+
+        Soft ones by their velocity at its start: what pushes will be held.
         """
-        likely = moved.copy()
-        likely[self._soft] = self._followed(before.velocities) * model.dt
-        squares = np.einsum("vi,vi->v", likely, likely)
-        return np.sqrt(np.maximum.reduceat(squares, [each.vertices.start for each in self.surfaces]))
+        expected = moved.copy()
+        expected[self._soft] = self._followed(before.velocities) * model.dt
+        return self._farthest(expected)
+
+    def _farthest(self, moved: Array) -> Array:
+        """The longest way of a vertex of each surface in [m], shape (s,), of ways (v, 3)."""
+        squares = np.einsum("vi,vi->v", moved, moved)
+        return np.sqrt(np.maximum.reduceat(squares, self._first))
 
     def _rolled(self, model: Model, before: State, free: State) -> Array:
         """Radius times rotation vector of each sphere within the step in [m], zeros elsewhere, (v, 3)."""

@@ -106,3 +106,13 @@ def test_what_falls_fast_stops_at_the_contact_distance(shape: Shape, speed: floa
         run(sim, 1)
         assert sim.rigid_poses[1].position[2] > 0.01 + 0.99 * DISTANCE
     assert sim.rigid_poses[1].position[2] == pytest.approx(0.01 + DISTANCE, abs=1e-6)
+
+
+def test_what_is_thrown_farther_than_its_speed_told_is_caught() -> None:
+    mesh = box_mesh((0.08, 0.04, 0.004), (16, 8, 1), (-0.04, -0.02, 0.007))
+    plate = body(mesh, "plate", young_modulus=2e5, total_mass=0.015)
+    sim = Simulation(touching(FLOOR, soft=(plate,), attachments=(slab("left", "world", -0.04, "plate"),)))
+    sim.forces[:, 2] = -40.0 / len(sim.positions)  # from rest by 27 mm in the first step, were there no floor
+    for _ in range(30):
+        run(sim, 1)
+        assert sim.positions[:, 2].min() > 0.5 * DISTANCE

@@ -17,7 +17,13 @@ from softsim_core.scene.description import (
     MaterialDescription,
     SceneDescription,
 )
-from softsim_core.scene.objects import CableDescription, CollisionDescription, RigidBodyDescription, Shape
+from softsim_core.scene.objects import (
+    CableDescription,
+    CollisionDescription,
+    ContactSettings,
+    RigidBodyDescription,
+    Shape,
+)
 from softsim_core.scene.values import Box, Placement
 
 pytest.importorskip("numba")
@@ -60,6 +66,7 @@ def pulled_beam(touching: bool = False) -> SceneDescription:
         attachments=(end("base", "slide", 0.0), end("tip", "free", 0.06)),
         rigid_bodies=(ball,) if touching else (),
         collisions=tuple(CollisionDescription(name=name, body=name) for name in ("beam", "ball") * touching),
+        contact=ContactSettings(tolerance=1e-12),  # both to the same forces
         effector="tip",
     )
 
