@@ -66,7 +66,13 @@ class BoardMotion:
     @property
     def holding(self) -> bool:
         """Whether the servos hold where they are: asked to, or for want of commands."""
-        return self.started and not self.homing and (self.hold_asked or not self.linked)
+        silent = _HOLD_FRAMES <= self._silence < _REST_FRAMES
+        return self.started and not self.homing and (self.hold_asked or silent)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the servos stand where they are to go."""
+        return self._current == self._within(self._target)
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
