@@ -14,7 +14,7 @@ from softsim_core.dynamics.assembly import Unknowns
 from softsim_core.dynamics.cable_statics import border_stiffness
 from softsim_core.dynamics.fast.border import eliminate_border, solve_border
 from softsim_core.dynamics.fast.cables import add_lines, hold_lines, report_lines
-from softsim_core.dynamics.fast.compile import kernel
+from softsim_core.dynamics.fast.compile import OneSignature, kernel
 from softsim_core.dynamics.fast.compliance import apply_impulses, respond
 from softsim_core.dynamics.fast.elements import (
     assemble_free,
@@ -150,6 +150,9 @@ class NumbaStepper:
         self._spans = np.zeros((len(self._prepared.tree.columns), 2), dtype=np.int64)
         self._spread = self._arriving = self._border_answer = np.zeros((0, 0))
         self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
+        self._advance, self._respond_to = OneSignature(advance), OneSignature(respond)
+        self._apply, self._factor = OneSignature(apply_impulses), OneSignature(factor)
+        self._assemble_tangent = OneSignature(assemble_tangent)
         self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # border unknowns come last
         self._body_of_node[model.elements.nodes] = model.element_body[:, None]
 
@@ -164,13 +167,13 @@ class NumbaStepper:
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
         targets, bounds = self.cables.travels(inputs.targets, state), self.cables.bounds(inputs.targets)
-        speed, *seconds = advance(
+        speed, *seconds = self._advance(
             motion, external, targets, inputs.base_shift, *bounds, model.dt, lag, parameters.rayleigh_mass,
             self._polar, data.border, data.free, data.mixed, data.nodes, data.lines, data.tree, data.work,
         )  # fmt: skip
         stages = ("assemble", "factor", "solve")
         self.stage_times = {stage: 1e3 * each for stage, each in zip(stages, seconds, strict=True)}
-        return speed
+        return float(speed)
 
     def compliance(self, rows: Rows, before: State) -> Array:
         """See Stepper."""
@@ -196,7 +199,7 @@ class NumbaStepper:
         free = state.joint_positions.copy()
         placed = np.zeros(self._spread.shape[1])
         placed[self._column] = impulses[cables:]
-        speed = apply_impulses(
+        speed = self._apply(
             _motion(state), _motion(before), placed, np.concatenate([change, -impulses[:cables]]), model.dt,
             data.border, data.nodes, data.tree, data.work, self._spread, self._spans,
         )  # fmt: skip
@@ -209,7 +212,7 @@ class NumbaStepper:
         if cables:
             tensions = data.lines.tension + impulses[:cables] / model.dt
             self.cables.report(model, state, tensions)
-        return speed
+        return float(speed)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper."""
@@ -237,10 +240,10 @@ class NumbaStepper:
             loads = forces + self._weight
             if self._soft:
                 loads -= model.spring[:, None] * (state.positions - model.rest)
-            assemble_tangent(
+            self._assemble_tangent(
                 motion, loads, model.spring, data.border, data.free, data.mixed, data.nodes, data.work
             )
-            factor(data.tree, data.work)
+            self._factor(data.tree, data.work)
             border = model.border_size
             stiffness = self._condensed()[:border, :border]
             if np.isfinite(stiffness).all():
@@ -267,7 +270,7 @@ class NumbaStepper:
             (padded, padded),
         )
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
-        respond(
+        self._respond_to(
             *rows, self._column, motion, data.border, data.nodes, data.tree, data.work, self._spread,
             self._spans, space, product, result,
         )  # fmt: skip
