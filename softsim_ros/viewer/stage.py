@@ -55,7 +55,6 @@ class Stage:
     ) -> None:
         self._server, self._inbox, self._on_goal = server, inbox, on_goal
         scene = server.scene
-        scene.set_up_direction("+z")
         if lite:
             scene.configure_environment_map(None)
             scene.configure_default_lights(cast_shadow=False)

@@ -55,6 +55,7 @@ class Viewer(Commander):
         self._settings = settings = settings.declare(self)
         token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
+        self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._inbox = Inbox()
         self.scene_name = robot.name
         self.efforts: Sequence[float] = ()
