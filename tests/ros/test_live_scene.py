@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from edited_scenes import SCENE, save
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh
@@ -21,22 +20,6 @@ from softsim_core import load_scene
 from softsim_ros.simulator.scene_files import SceneFiles, files_of
 
 READY_S = 60.0
-SCENE = """
-extends: {base}
-name: tripod
-bodies:
-  - name: silicone
-    material: {{young_modulus: {young}}}
-"""
-
-
-def save(file: Path, text: str) -> None:
-    """Write as an editor does: another file, moved into place; the time stamp surely changes."""
-    aside = file.with_suffix(".tmp")
-    aside.write_text(text)
-    newer = max(time.time_ns(), file.stat().st_mtime_ns + 1_000_000 if file.exists() else 0)
-    os.utime(aside, ns=(newer, newer))
-    aside.replace(file)
 
 
 def tripod_yaml() -> Path:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
+from edited_scenes import SCENE, save
 
 from softsim_core import load_scene
 
@@ -21,22 +20,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 BODY = "/bodies/silicone"
 CAMERA = "window.__viserMutable.camera.position.toArray()"
-SCENE = """
-extends: {tripod}
-name: tripod
-bodies:
-  - name: silicone
-    material: {{young_modulus: {young}}}
-"""
-
-
-def save(file: Path, text: str) -> None:
-    """Write as an editor does: another file, moved into place; the time stamp surely changes."""
-    aside = file.with_suffix(".tmp")
-    aside.write_text(text)
-    newer = max(time.time_ns(), file.stat().st_mtime_ns + 1_000_000 if file.exists() else 0)
-    os.utime(aside, ns=(newer, newer))
-    aside.replace(file)
 
 
 def camera_at_rest(page: BrowserPage, spin_until: Callable[..., bool]) -> list[float]:
@@ -59,7 +42,7 @@ def test_a_wrong_file_shows_its_error_in_place_of_the_scene(
     tmp_path: Path,
 ) -> None:
     file, tripod = tmp_path / "mine.yaml", load_scene("tripod").source
-    save(file, SCENE.format(tripod=tripod, young="300.0e+3"))
+    save(file, SCENE.format(base=tripod, young="300.0e+3"))
     robot, address = start_station(str(file), "--watch")
     page = BrowserPage(browser, address)
     try:
@@ -67,12 +50,12 @@ def test_a_wrong_file_shows_its_error_in_place_of_the_scene(
         page.drag((200.0, 200.0), (260.0, 240.0))
         page.release()
         camera = camera_at_rest(page, spin_until)
-        save(file, SCENE.format(tripod=tripod, young="-1.0"))
+        save(file, SCENE.format(base=tripod, young="-1.0"))
         told = page.page.get_by_text("/tripod: scene not loaded: ")
         told.first.wait_for(state="visible")
         assert "young_modulus: must be > 0 Pa" in told.first.inner_text()
         page.wait_until_gone(BODY)
-        save(file, SCENE.format(tripod=tripod, young="400.0e+3"))
+        save(file, SCENE.format(base=tripod, young="400.0e+3"))
         page.wait_for_node(BODY)
         told.first.wait_for(state="hidden")
         assert spin_until(lambda: robot.get_parameter("young_modulus") == 400.0e3, 60.0)
