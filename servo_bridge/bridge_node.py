@@ -22,7 +22,6 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from servo_bridge import parameters
-from servo_bridge.ascii_codec import TiltReading
 from servo_bridge.calibration_file import calibrated_robot, file_for
 from servo_bridge.diagnostics import bridge_status
 from servo_bridge.driver import ServoDriver
@@ -31,10 +30,11 @@ from servo_bridge.imu import imu_message
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.process import run_node
+from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 SUPERVISION_PERIOD_S = 0.1
 REFUSAL_LOG_PERIOD_S = 2.0
@@ -56,7 +56,7 @@ class ServoBridge(GuardedLifecycleNode):
     """
 
     def __init__(
-        self, *, scene: SceneDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
+        self, *, scene: RobotDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
     ) -> None:
         super().__init__(node_name, **node_kwargs)
         parameters.declare(self)
@@ -199,7 +199,7 @@ class ServoBridge(GuardedLifecycleNode):
         driver.connect(port, open_wait_s)
         self._stable_port = stable_name(port)
 
-    def _load_robot(self, name: str) -> SceneDescription:
+    def _load_robot(self, name: str) -> RobotDescription:
         if self._scene is not None:
             return self._scene
         from softsim_core.scene import load_scene  # costs imports: only when needed

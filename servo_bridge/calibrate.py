@@ -1,7 +1,7 @@
 """A walk through the servos of a robot: which way each turns, how it is mounted, how far it may go.
 
 The servos move only through the driver, so limits of position, speed and acceleration hold all the time, and
-the board hears a pose fifty times a second while the person thinks.
+the board hears a pose fifty times per second while the person thinks.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from servo_bridge.codec import angle_to_byte, byte_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
+from servo_bridge.servo import angle_to_byte, byte_to_angle
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import SoftSimError
-from softsim_core.scene.description import SceneDescription, ServoCalibration
+from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene.robot import RobotDescription
 
 Ask = Callable[[str], str]
 """Shows a question, returns the line that the person typed."""
@@ -152,7 +153,7 @@ class ServoMover:
                 )
 
 
-def calibrate(robot: SceneDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
+def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
     """Walk through every servo of the board; the last answer to each question counts.
 
     Args:
@@ -178,7 +179,7 @@ def calibrate(robot: SceneDescription, mover: ServoMover, ask: Ask, say: Say) ->
 
 
 def _observe(
-    robot: SceneDescription, servo: ServoCalibration, mover: ServoMover, ask: Ask, say: Say
+    robot: RobotDescription, servo: ServoCalibration, mover: ServoMover, ask: Ask, say: Say
 ) -> Observed:
     rest = byte_to_angle(servo.rest_byte, servo)
     mirrored = _turns_the_other_way(servo, rest, mover, ask)
@@ -248,7 +249,7 @@ def _answer(ask: Ask, question: str) -> str:
     return answer
 
 
-def _reference(robot: SceneDescription, joint: str, rest: float) -> float:
+def _reference(robot: RobotDescription, joint: str, rest: float) -> float:
     """The joint's angle in the robot's first named pose; its rest angle where there is none."""
     index = robot.joint_names.index(joint)
     return next((float(pose[index]) for pose in robot.poses.values()), rest)

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from softsim_core.errors import ConfigError, SceneError, listing
-from softsim_core.scene.description import SceneDescription, ServoCalibration
+from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_source import read_yaml
 
 KEYS = ("joint", "zero_byte", "sign", "trim_deg", "byte_min", "byte_max", "rest_byte")
@@ -72,7 +73,7 @@ def load_calibration(
     return tuple(found[servo.joint] for servo in servos)
 
 
-def calibrated_robot(robot: SceneDescription, file: Path) -> SceneDescription:
+def calibrated_robot(robot: RobotDescription, file: Path) -> RobotDescription:
     """The robot with its board's servos as the file says.
 
     Raises:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from servo_bridge.driver import ServoDriver
-from servo_bridge.frames import BoardFlags
-from servo_bridge.link import reset_cause_text
+from servo_bridge.errors import PortError
+from servo_bridge.protocols import Ability
 from servo_bridge.writer import PeriodFigures
 
 
@@ -76,36 +76,24 @@ def bridge_status(
 
 
 def _link_values(driver: ServoDriver) -> dict[str, object]:
-    """What is known of the board: its protocol, and where it speaks what it said last."""
+    """What is known of the board: its protocol, what it can do, and what it said last."""
     link = driver.link
     if link is None:
         return {"link": "closed"}
     values: dict[str, object] = {"link": driver.link_state}
-    if link.banner is not None:
-        values |= {
-            "firmware": f"{link.banner.major}.{link.banner.minor}",
-            "reset cause": reset_cause_text(link.banner.reset_cause),
-        }
-    telemetry, age = link.telemetry, driver.telemetry_age
-    if telemetry is not None and age is not None:
-        values |= {
-            "telemetry age [s]": f"{age:.3f}",
-            "board flags": " ".join(str(flag.name).lower() for flag in BoardFlags if flag in telemetry.flags)
-            or "none",
-            "pulse widths [us]": " ".join(map(str, telemetry.widths_us)),
-            "acknowledged": telemetry.seq,
-            "frames unacknowledged": link.unacknowledged,
-            "most unacknowledged": link.counts.most_unacknowledged,
-            "board rejects": telemetry.rejects,
-            "board overruns": telemetry.overruns,
-            "telemetry damaged": link.frames_dropped,
-            "board starts": driver.counts.restarts,
-        }
+    try:
+        with link.speaking() as board:
+            abilities, said = board.abilities, dict(board.values())
+    except PortError as error:
+        return values | {"link fault": str(error)}
+    values["board can"] = " ".join(str(each.name).lower() for each in Ability if each in abilities) or "none"
+    age = driver.telemetry_age
+    if age is not None:
+        values |= {"telemetry age [s]": f"{age:.3f}", "board starts": driver.counts.restarts}
     tilt_age = driver.tilt_age
-    if tilt_age is not None or driver.protocol == "ascii_imu":
+    if tilt_age is not None or Ability.IMU in abilities:
         values |= {
             "imu age [s]": "none" if tilt_age is None else f"{tilt_age:.3f}",
-            "imu readings": link.counts.tilts,
-            "lines ignored": link.lines_ignored,
+            "imu readings": link.tilts,
         }
-    return values
+    return values | said

@@ -1,4 +1,4 @@
-"""From commands to packets on a port: one board's motion, codec and transport. No ROS; the clock is given."""
+"""From commands to packets on a port: one board's motion, protocol and port. No ROS; the clock is given."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from servo_bridge import codec, frames, outgoing
-from servo_bridge.ascii_codec import ASCII_BAUD_RATE, TiltReading
-from servo_bridge.errors import PortError
-from servo_bridge.link import BoardLink, LinkState, ProtocolChoice, Reader
+from servo_bridge.errors import PortError, ProtocolError
+from servo_bridge.link import BoardLink, Reader
+from servo_bridge.protocols import AUTO, WAITING, Ability, EncodedPacket, TiltReading, candidates
 from servo_bridge.safety import MotionSettings, ServoMotion, servo_limits
+from servo_bridge.servo import bytes_to_angles
 from servo_bridge.transport import SerialTransport
-from softsim_core.actuation.limits import check_command
 from softsim_core.errors import CommandError, SceneError, listing
-from softsim_core.scene.description import SceneDescription
+from softsim_core.mechanics.limits import check_command
+from softsim_core.scene.robot import RobotDescription
 
 REST_REPEATS = 3
 """Rest packets sent at the end, so that one byte lost on the line does not decide where the servos stay."""
@@ -31,7 +31,7 @@ class DriverCounts:
         refused: Commands refused as a whole.
         last_refusal: Sentence of the newest refusal.
         avoided: Packets in which a byte 100 was replaced.
-        restarts: Times that a board of the extended protocol was met, or met again after a reset.
+        restarts: Times that a board which says what it is was met, or met again after a reset.
     """
 
     packets: int = 0
@@ -48,25 +48,26 @@ class ServoDriver:
         robot: Description with a board; its joints give names, order and limits.
         settings: Timing of hold and rest.
         rate: Packets a second in [Hz]; None takes the board's.
-        avoid_byte_100: Send 101 for 100; see `codec.avoid_byte_100`.
-        protocol: What the board speaks; auto finds out, see `link`.
-        baud_rate: Bits a second; None takes the protocol's: 57600 for ascii_imu, else the board's.
+        avoid_byte_100: Send no byte 100 where the protocol can help it; see `BoardProtocol`.
+        protocol: Name of what the board speaks; auto: as the robot's board says, else found out, see `link`.
+        baud_rate: Bits a second; None takes the protocol's own where it has one, else the board's.
         on_tilt: Called with every reading of a board's IMU, in the reading thread.
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only on the way to rest.
 
     Raises:
-        SceneError: the robot has no board, or a servo's rest byte lies outside its limits.
+        SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, or a servo
+            whose rest byte lies outside its limits.
     """
 
     def __init__(
         self,
-        robot: SceneDescription,
+        robot: RobotDescription,
         *,
         settings: MotionSettings | None = None,
         rate: float | None = None,
         avoid_byte_100: bool = True,
-        protocol: ProtocolChoice = "auto",
+        protocol: str = AUTO,
         baud_rate: int | None = None,
         on_tilt: Callable[[TiltReading], None] = lambda reading: None,
         clock: Callable[[], float] = time.monotonic,
@@ -77,8 +78,13 @@ class ServoDriver:
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
         self.board, self.servos = robot.board, robot.board.servos
-        self.protocol, self.on_tilt = _usable(protocol, robot), on_tilt
-        self.baud_rate = baud_rate or (ASCII_BAUD_RATE if protocol == "ascii_imu" else self.board.baud_rate)
+        try:
+            self._candidates = candidates(protocol, self.board)
+        except ProtocolError as error:
+            raise SceneError(f"robot {robot.name}: {error}") from error
+        self.protocol = self._candidates[0].name if len(self._candidates) == 1 else AUTO
+        self.baud_rate = baud_rate or self._candidates[-1].baud_rate or self.board.baud_rate
+        self.on_tilt = on_tilt
         self.joint_names = robot.joint_names
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         joints = {joint.name: joint for joint in robot.joints}
@@ -89,7 +95,7 @@ class ServoDriver:
         self.motion = ServoMotion(
             self.servo_joints,
             [servo_limits(servo, joints[servo.joint].limits) for servo in self.servos],
-            codec.bytes_to_angles([servo.rest_byte for servo in self.servos], self.servos),
+            bytes_to_angles([servo.rest_byte for servo in self.servos], self.servos),
         )
         self.set_timing(settings or MotionSettings())
         self.avoid_byte_100 = avoid_byte_100
@@ -100,7 +106,6 @@ class ServoDriver:
         self.link: BoardLink | None = None
         self._transport: SerialTransport | None = None
         self._reader: Reader | None = None
-        self._seq = 0
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
         self._board_moved = False  # since the port was opened
 
@@ -117,17 +122,17 @@ class ServoDriver:
     @property
     def waiting(self) -> bool:
         """Whether the board is still given its quiet time after the port was opened."""
-        return self.link_state == "waiting"
+        return self.link_state == WAITING
 
     @property
-    def link_state(self) -> LinkState | None:
-        """The protocol found, or that it is too early to say; None without a port."""
+    def link_state(self) -> str | None:
+        """Name of the protocol found, or WAITING: it is too early to say; None without a port."""
         return None if self.link is None else self.link.state(self._clock())
 
     @property
     def telemetry_age(self) -> float | None:
-        """Time in [s] since the board's newest frame; None before the first."""
-        return None if self.link is None else self.link.telemetry_age(self._clock())
+        """Time in [s] since a board that says what it is last spoke; None before the first time."""
+        return None if self.link is None else self.link.heard_age(self._clock())
 
     @property
     def tilt_age(self) -> float | None:
@@ -156,7 +161,7 @@ class ServoDriver:
         """
         self.disconnect()
         self._transport = SerialTransport(port, self.baud_rate)
-        self.link = BoardLink(port, self.protocol, quiet_s, self._clock())
+        self.link = BoardLink(port, [each(self.board) for each in self._candidates], quiet_s, self._clock())
         self._reader = Reader(self._transport, self.link, self._clock, self.on_tilt)
         self._board_moved = False
 
@@ -177,19 +182,22 @@ class ServoDriver:
         self.link = None
 
     def _relax(self) -> None:
-        if self._transport is None or not self._board_moved or self.link_state != "extended":
+        if self._transport is None or self.link is None or not self._board_moved or self.waiting:
             return
         if self.motion.e_stopped or not self.motion.at_rest:
             return  # an e-stop holds
         with contextlib.suppress(PortError):
-            self._transport.write(frames.relax(self._next_seq()))
+            with self.link.speaking() as board:
+                packet = board.relax() if Ability.RELAX in board.abilities else b""
+            if packet:
+                self._transport.write(packet)
 
     def start(self) -> None:
         """Begin to move from the last pose sent (at first the rest pose); earlier commands do not count."""
         self.motion.start(self._clock())
 
     def command(self, values: Sequence[float]) -> None:
-        """Take a command of one position a joint of the robot, in its order, in [rad].
+        """Take a command of one position per joint of the robot, in its order, in [rad].
 
         Raises:
             CommandError: wrong length or a value that is not finite; nothing of it is used.
@@ -274,59 +282,48 @@ class ServoDriver:
             raise PortError("", "no port is open; configure the bridge first")
         now = self._clock()
         self.link.check(now)
-        state = self.link.state(now)
-        if state == "waiting":
+        if self.link.state(now) == WAITING:
             self.motion.start(now)
             return None
-        if state == "extended" and self.link.take_restart():
+        if self.link.take_restart():
             self._greet(now)
             return None
         before = self.motion.positions
-        packet = self._encode(step(now), state)
-        if state == "extended":
-            self.link.sent(self._seq)  # before: the acknowledgement may come while the write returns
         try:
-            self._transport.write(packet.data)
+            packet = self._encode(step(now))
+            self._transport.write(packet if isinstance(packet, bytes) else packet.data)
         except PortError:
             self.motion.positions = before
             raise
         self._board_moved = True
         self.counts.packets += 1
-        self.counts.avoided += packet.avoided
-        if state == "extended" and self.motion.e_stopped:
-            return self.sent_bytes  # what was sent says "hold", and no pose
-        self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
+        if isinstance(packet, EncodedPacket):
+            self.counts.avoided += packet.avoided
+            self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
         return self.sent_bytes
 
-    def _encode(self, positions: Sequence[float], state: LinkState) -> outgoing.Outgoing:
-        if state == "extended":
-            seq = self._next_seq()
-            pose = outgoing.extended(positions, self.servos, seq)
-            return replace(pose, data=frames.hold(seq)) if self.motion.e_stopped else pose
-        if state == "ascii_imu":
-            return outgoing.ascii_line(positions, self.servos)
-        return outgoing.legacy(positions, self.servos, self.board.header, self.avoid_byte_100)
+    def _encode(self, positions: Sequence[float]) -> EncodedPacket | bytes:
+        """The pose; while the e-stop is latched the word to hold, which says no pose, where the board can."""
+        assert self.link is not None
+        with self.link.speaking() as board:
+            if self.motion.e_stopped and Ability.HOLD in board.abilities:
+                return board.hold()
+            board.avoid_byte_100 = self.avoid_byte_100
+            return board.encode(positions)
 
     def _greet(self, now: float) -> None:
         """A board has (re)started: begin with its pose where it has one, and tell it the servos' ranges."""
         assert self._transport is not None
         assert self.link is not None
         self.counts.restarts += 1
-        telemetry = self.link.telemetry
-        if telemetry is not None and frames.BoardFlags.ACTIVE in telemetry.flags:
-            widths = telemetry.widths_us[: len(self.servos)]
-            self.motion.resume_from(
-                [codec.width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True)]
-            )
+        with self.link.speaking() as board:
+            pose = board.pose()
+            if pose is not None:
+                self.motion.resume_from(check_command(pose, self.servo_joints))
+            limits = board.limits() if Ability.LIMITS in board.abilities else b""
         self.motion.start(now)
-        limits = [codec.width_limits(servo) for servo in self.servos]
-        seq = self._next_seq()
-        self.link.sent(seq)
-        self._transport.write(frames.set_limits(seq, limits))
-
-    def _next_seq(self) -> int:
-        self._seq = (self._seq + 1) % frames.SEQUENCES
-        return self._seq
+        if limits:
+            self._transport.write(limits)
 
     def applied_angles(self) -> tuple[float, ...]:
         """Nominal joint angles in [rad] of what was last sent, in servo order; NaN before the first."""
@@ -335,24 +332,3 @@ class ServoDriver:
     def _refuse(self, error: CommandError) -> None:
         self.counts.refused += 1
         self.counts.last_refusal = str(error)
-
-
-def _usable(protocol: ProtocolChoice, robot: SceneDescription) -> ProtocolChoice:
-    """The protocol, where the robot's servos fit it; auto is legacy for any other number than three."""
-    assert robot.board is not None
-    servos = robot.board.servos
-    if len(servos) != frames.SERVOS:
-        if protocol == "extended":
-            raise SceneError(
-                f"robot {robot.name} has {len(servos)} servos, the extended protocol {frames.SERVOS};"
-                " set the parameter protocol to legacy"
-            )
-        return "legacy" if protocol == "auto" else protocol
-    if protocol == "ascii_imu":
-        for servo in servos:
-            if servo.byte_min < codec.BYTE_LOW or servo.byte_max > codec.BYTE_HIGH:
-                raise SceneError(
-                    f"servo {servo.joint}: the text protocol allows bytes"
-                    f" {codec.BYTE_LOW}..{codec.BYTE_HIGH}, not {servo.byte_min}..{servo.byte_max}"
-                )
-    return protocol

@@ -15,3 +15,7 @@ class PortError(SoftSimError, OSError):
     def __init__(self, port: str, sentence: str) -> None:
         self.port = port
         super().__init__(sentence)
+
+
+class ProtocolError(SoftSimError, ValueError):
+    """A board protocol is unknown, not whole, or does not fit the robot's servos."""

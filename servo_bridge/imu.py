@@ -7,7 +7,7 @@ from typing import Any
 
 from sensor_msgs.msg import Imu
 
-from servo_bridge.ascii_codec import TiltReading
+from servo_bridge.protocols import TiltReading
 
 TILT_VARIANCE = math.radians(1.0) ** 2
 """Variance in [rad^2] of a tilt: about a degree, as small IMUs with sensor fusion state."""

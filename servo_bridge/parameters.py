@@ -9,7 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from servo_bridge.link import ProtocolChoice
+from servo_bridge.protocols import AUTO, names
 from servo_bridge.safety import MotionSettings
 from softsim_core.errors import ConfigError, SoftSimError, listing
 
@@ -36,7 +36,7 @@ class BridgeSettings:
     robot: str
     port: str
     source: Source
-    protocol: ProtocolChoice
+    protocol: str
     baud_rate: int
     calibration: str
     relax_at_end: bool
@@ -101,16 +101,15 @@ def declare(node: Node) -> None:
     )
     text(
         "protocol",
-        "auto",
-        "What the board speaks: auto (extended after its banner, else legacy), legacy, extended, or ascii_imu"
-        " (text with an IMU).",
-        allowed=listing(get_args(ProtocolChoice)),
+        AUTO,
+        f"What the board speaks: {AUTO} (as the robot's file says, else found out), or its name.",
+        allowed=f"{listing((AUTO, *names()))}, or one that the robot's Python file registers",
     )
     node.declare_parameter(
         "baud_rate",
         0,
         ParameterDescriptor(
-            description="Bits a second; 0: 57600 for ascii_imu, else the board's own from the robot's file.",
+            description="Bits a second; 0: the protocol's own, else the board's from the robot's file.",
             integer_range=[IntegerRange(from_value=0, to_value=2_000_000, step=1)],
         ),
     )
@@ -143,8 +142,8 @@ def declare(node: Node) -> None:
         "avoid_byte_100",
         True,
         ParameterDescriptor(
-            description="Send 101 for the servo byte 100: coming first after a reset amid a packet,"
-            " 100 makes the boot loader erase the firmware."
+            description="Send no byte 100 where the protocol can help it: coming first after a reset amid a"
+            " packet, 100 makes the boot loader erase the firmware."
         ),
     )
     node.declare_parameter(
@@ -152,7 +151,7 @@ def declare(node: Node) -> None:
         True,
         ParameterDescriptor(
             description="Switch the pulses off when the port is closed with the servos at rest, where the"
-            " board can (extended protocol)."
+            " board can."
         ),
     )
 
@@ -179,7 +178,7 @@ def read(node: Node) -> BridgeSettings:
         robot=str(node.get_parameter("robot").value),
         port=str(node.get_parameter("port").value),
         source=cast(Source, word("source", get_args(Source))),
-        protocol=cast(ProtocolChoice, word("protocol", get_args(ProtocolChoice))),
+        protocol=str(node.get_parameter("protocol").value),
         baud_rate=int(node.get_parameter("baud_rate").value),
         calibration=str(node.get_parameter("calibration").value),
         relax_at_end=bool(node.get_parameter("relax_at_end").value),
@@ -202,7 +201,6 @@ def refusal(changes: list[Parameter], configured: bool) -> str:
     for change in changes:
         if configured and change.name in FIXED_WHILE_CONFIGURED:
             return f"{change.name} is fixed while the bridge is configured; call its lifecycle cleanup first"
-        for name, allowed in (("source", get_args(Source)), ("protocol", get_args(ProtocolChoice))):
-            if change.name == name and change.value not in allowed:
-                return f"{name} {change.value!r} is none of: {listing(allowed)}"
+        if change.name == "source" and change.value not in get_args(Source):
+            return f"source {change.value!r} is none of: {listing(get_args(Source))}"
     return ""

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from servo_bridge.codec import byte_to_angle
-from softsim_core.actuation.limits import JointLimits, check_command
+from servo_bridge.servo import byte_to_angle
 from softsim_core.errors import SceneError
-from softsim_core.scene.description import ServoCalibration
+from softsim_core.mechanics.limits import JointLimits, check_command
+from softsim_core.scene.board import ServoCalibration
 
 MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
 

@@ -1,9 +1,8 @@
 """A board without hardware: a pseudo-terminal that speaks the board's side of the protocol.
 
-As a plain board it says nothing, forgets a packet begun when the port is opened, and keeps the last servo
-bytes when the line falls silent. On request it speaks the extended protocol as well: banner when opened,
-frames, telemetry, slew limit and creep to rest, in a Python model of the firmware; the firmware itself runs
-in the emulator.
+What it takes and says is the model that a protocol has of its boards (`BoardProtocol.board_model`), by
+default one that says nothing, forgets a packet begun when the port is opened, and keeps the last servo bytes
+when the line falls silent. The firmware itself runs in the emulator.
 """
 
 from __future__ import annotations
@@ -13,12 +12,14 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from servo_bridge.codec import PacketParser
-from servo_bridge.extended_board import TELEMETRY_PERIOD_S, ExtendedBoard
+from servo_bridge.protocols import AUTO, model_of_board
 from servo_bridge.pty_board import MasterEnd, PtyBoard
 
 START_S = 0.2
-"""Time in [s] from the opening of the port to the banner; a real board's boot loader takes 1.4 s."""
+"""Time in [s] from the opening of the port to the first word; a real board's boot loader takes 1.4 s."""
+
+RESET_EXTERNAL = 2
+"""Reset cause of a board whose port is opened."""
 
 IDLE_POLL_S = 0.02
 """How often a port that nobody has open is looked at, in [s]."""
@@ -39,9 +40,13 @@ class VirtualBoard(PtyBoard):
         servo_count: Servo bytes in a packet.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
         log_length: Packets kept in `packets`; older ones are forgotten.
-        extended: Speak the extended protocol, too; a legacy packet stays accepted.
+        protocol: Name of the protocol it speaks; auto: one that does not say what it is.
+
+    Attributes:
+        model: What is behind the port.
 
     Raises:
+        ProtocolError: the protocol is unknown, or has no model of such a board.
         PortError: the link cannot be made, or something that is no link is in its place.
     """
 
@@ -50,13 +55,12 @@ class VirtualBoard(PtyBoard):
         servo_count: int = 3,
         link: Path | str | None = None,
         log_length: int = 100_000,
-        extended: bool = False,
+        protocol: str = AUTO,
     ) -> None:
         super().__init__(link)
         self.servo_count = servo_count
-        self._parser = PacketParser(servo_count)
-        self.extended = ExtendedBoard(self._parser) if extended else None
-        self._telemetry_due = 0.0
+        self.model = model_of_board(protocol, servo_count)
+        self._say_due = 0.0
         self._log: deque[ReceivedPacket] = deque(maxlen=log_length)
         self._servo_bytes: tuple[int, ...] | None = None
         self.replug()
@@ -69,9 +73,9 @@ class VirtualBoard(PtyBoard):
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
-        """Widths in [us] that the extended board's motion has reached; None without pulses."""
+        """Widths in [us] that the servos have reached; None without pulses, or where not modelled."""
         with self._changed:
-            return None if self.extended is None else self.extended.motion.widths_us
+            return self.model.widths_us
 
     @property
     def packets(self) -> list[ReceivedPacket]:
@@ -83,13 +87,13 @@ class VirtualBoard(PtyBoard):
     def accepted(self) -> int:
         """Poses accepted by the board so far."""
         with self._changed:
-            return (self.extended or self._parser).accepted
+            return self.model.accepted
 
     @property
     def dropped(self) -> int:
-        """Packets (and frames) dropped or refused by the board so far."""
+        """Packets dropped or refused by the board so far."""
         with self._changed:
-            return self._parser.dropped if self.extended is None else self.extended.rejects
+            return self.model.dropped
 
     def clear(self) -> None:
         """Forget the packets logged so far; the servos stay."""
@@ -97,12 +101,10 @@ class VirtualBoard(PtyBoard):
             self._log.clear()
 
     def restart(self, cause: int) -> None:
-        """Reset the board, which forgets its pose; `cause` as in `frames.Banner`."""
+        """Reset the board, which forgets its pose; `cause` as in `BoardModel.reset`."""
         with self._changed:
-            self._parser.reset()
             self._servo_bytes = None
-            if self.extended is not None:
-                self.extended.reset(cause)
+            self.model.reset(cause)
             self._changed.notify_all()
 
     def _power_on(self) -> None:
@@ -114,34 +116,31 @@ class VirtualBoard(PtyBoard):
     def _serve(self, end: MasterEnd) -> None:
         while (heard := end.hear(self._patience_s())) is not None:
             if heard.data:
-                self._take(heard.data)
+                self._take(heard.data, end)
             self._set_open(heard.opened)
             if heard.opened:
                 self._speak(end)
                 continue
-            if self.extended is not None:
-                with self._changed:
-                    self.extended.motion.advance(time.monotonic())
+            with self._changed:
+                self.model.advance(time.monotonic())
             if end.pause(IDLE_POLL_S):
                 return
 
     def _patience_s(self) -> float | None:
         if not self._opened:
             return 0.0  # an opening by itself wakes no poll
-        if self.extended is None:
+        if self.model.say_period_s is None:
             return None
-        return max(self._telemetry_due - time.monotonic(), 0.0)
+        return max(self._say_due - time.monotonic(), 0.0)
 
     def _speak(self, end: MasterEnd) -> None:
-        """What the board has to say by now."""
-        now = time.monotonic()
-        if self.extended is None or now < self._telemetry_due:
+        """What the board has to say unasked by now."""
+        now, period_s = time.monotonic(), self.model.say_period_s
+        if period_s is None or now < self._say_due:
             return
         with self._changed:
-            data = self.extended.say(now)
-            if self.extended.silent:
-                data = b""
-        self._telemetry_due = now + TELEMETRY_PERIOD_S
+            data = self.model.say(now)
+        self._say_due = now + period_s
         if data:
             end.write(data)
 
@@ -150,18 +149,19 @@ class VirtualBoard(PtyBoard):
             if opened != self._opened:
                 self._opened = opened
                 self._open_count += opened
-                self._parser.reset()
-                if opened and self.extended is not None:
-                    self.extended.reset()
-                    self._telemetry_due = time.monotonic() + START_S
+                if opened:
+                    self.model.reset(RESET_EXTERNAL)
+                    self._say_due = time.monotonic() + START_S
                 self._changed.notify_all()
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes, end: MasterEnd) -> None:
         now = time.monotonic()
         with self._changed:
             self._received += len(data)
-            board = self._parser if self.extended is None else self.extended
-            for servo_bytes in board.feed(data, now):
+            for servo_bytes in self.model.feed(data, now):
                 self._servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))
+            answer = self.model.say(now) if self.model.say_period_s is None else b""
             self._changed.notify_all()
+        if answer:
+            end.write(answer)

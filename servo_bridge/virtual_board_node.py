@@ -12,7 +12,9 @@ from std_msgs.msg import UInt8MultiArray
 
 from servo_bridge.board_node import BoardNode, requested_link
 from servo_bridge.process import run_node
+from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
+from softsim_core.errors import listing
 
 PUBLISH_PERIOD_S = 0.02
 
@@ -28,6 +30,7 @@ class VirtualBoardNode(BoardNode):
 
     Raises:
         PortError: the link cannot be made.
+        ProtocolError: the protocol is unknown, or has no model of such a board.
     """
 
     board: VirtualBoard
@@ -51,16 +54,18 @@ class VirtualBoardNode(BoardNode):
             ),
         )
         self.declare_parameter(
-            "extended",
-            False,
+            "protocol",
+            AUTO,
             ParameterDescriptor(
-                description="Speak the extended protocol: banner, telemetry.", read_only=True
+                description=f"Protocol that it speaks; {AUTO}: one that does not say what it is.",
+                additional_constraints=listing((AUTO, *names())),
+                read_only=True,
             ),
         )
         self.board = VirtualBoard(
             int(self.get_parameter("servos").value),
             self.link_path,
-            extended=bool(self.get_parameter("extended").value),
+            protocol=str(self.get_parameter("protocol").value),
         )
         self._seen = 0
         self._bytes: Publisher = self.create_publisher(
@@ -87,7 +92,7 @@ def main(args: list[str] | None = None) -> int:
     """Run a virtual board until Ctrl-C or SIGTERM.
 
     Returns:
-        Exit code: 0 after a normal end, 2 where the link cannot be made.
+        Exit code: 0 after a normal end, 2 where the link or a board of the protocol cannot be made.
     """
     about = "A serial servo board on a pseudo-terminal, for tests and demos."
     link = requested_link("virtual_board", about, args)

@@ -1,28 +1,255 @@
-"""Soft-robot physics: finite elements, rigid frames, joints. NumPy arrays in and out."""
+"""Soft-robot physics: finite elements, rigid frames, joints, contact. NumPy arrays in and out, SI units.
+
+What a user of the library needs stands here: `from softsim_core import ...`; docs/library.md has a line on
+each name. Importing the package loads none of it: a name brings its module when it is first asked for.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from softsim_core.dynamics.simulation import Simulation
-    from softsim_core.mechanics.pose import Pose
-    from softsim_core.scene import load_scene
-    from softsim_core.scene.description import SceneDescription
+    from softsim_core.actuation import (
+        Actuator,
+        ActuatorDescription,
+        ActuatorKind,
+        ActuatorView,
+        GeometricStiffness,
+        Placed,
+        Surroundings,
+        register_actuator,
+    )
+    from softsim_core.actuation.cable import CableDescription, CableView
+    from softsim_core.actuation.line import line_stiffness
+    from softsim_core.actuation.trajectory import JointTrajectory
+    from softsim_core.contact.settings import ContactSettings
+    from softsim_core.dynamics.report import ContactReport, StepReport
+    from softsim_core.dynamics.statics import StaticSolution
+    from softsim_core.errors import (
+        ArrayError,
+        CommandError,
+        ConfigError,
+        DetectionOverflowError,
+        FactorisationError,
+        MaterialError,
+        MeshError,
+        NotConvergedError,
+        SceneError,
+        SnapshotError,
+        SoftSimError,
+        SolverDivergedError,
+    )
+    from softsim_core.inverse.closed_loop import TiltController, TiltGains
+    from softsim_core.inverse.controller import InverseController, InverseReport
+    from softsim_core.inverse.path_files import read_path
+    from softsim_core.inverse.paths import EffectorPath, PathRefusedError
+    from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
+    from softsim_core.inverse.static import PoseSolution, solve_pose
+    from softsim_core.inverse.tasks import HeightTiltTask, OrientationTask, PoseTask, PositionTask
+    from softsim_core.inverse.tilts import tilt_rotation, tilts_of
+    from softsim_core.inverse.workspace import Workspace, sample_workspace
+    from softsim_core.mechanics.limits import JointLimits
+    from softsim_core.mechanics.pose import (
+        Pose,
+        quaternion_of,
+        rotation_euler,
+        rotation_exp,
+        rotation_log,
+        rotation_of,
+    )
+    from softsim_core.mesh import (
+        SurfaceMesh,
+        TetMesh,
+        boundary_surface,
+        box_mesh,
+        check_tets,
+        read_surface,
+        read_tets,
+        write_surface,
+        write_tets,
+    )
+    from softsim_core.mesh.shapes import Shape, surface_of
+    from softsim_core.scene import find_config, known_scenes, load_scene
+    from softsim_core.scene.board import BoardDescription, ServoCalibration
+    from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
+    from softsim_core.scene.description import (
+        AttachmentDescription,
+        BodyDescription,
+        JointDescription,
+        SceneDescription,
+        SolverSettings,
+    )
+    from softsim_core.scene.material import MaterialDescription
+    from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+    from softsim_core.scene.robot import Controller, RobotDescription
+    from softsim_core.scene.running import RunningSimulation
+    from softsim_core.scene.scene import Part, Scene, animated
+    from softsim_core.scene.view import Camera, ViewSettings
+    from softsim_core.simulation import Simulation
+    from softsim_core.values import Box, FieldError, MeshFile, Placement, Sphere
 
-__all__ = ["Pose", "SceneDescription", "Simulation", "load_scene"]
+__version__ = "0.1.0"
 
-_HOME = {
-    "Pose": "softsim_core.mechanics.pose",
-    "SceneDescription": "softsim_core.scene.description",
-    "Simulation": "softsim_core.dynamics.simulation",
-    "load_scene": "softsim_core.scene",
+__all__ = [
+    "Actuator",
+    "ActuatorDescription",
+    "ActuatorKind",
+    "ActuatorView",
+    "ArrayError",
+    "AttachmentDescription",
+    "BoardDescription",
+    "BodyDescription",
+    "Box",
+    "CableDescription",
+    "CableView",
+    "Camera",
+    "CollisionDescription",
+    "CommandError",
+    "CommandSettings",
+    "ConfigError",
+    "ContactReport",
+    "ContactSettings",
+    "Controller",
+    "DetectionOverflowError",
+    "EffectorPath",
+    "FactorisationError",
+    "FieldError",
+    "GeometricStiffness",
+    "HeightTiltTask",
+    "InverseController",
+    "InverseReport",
+    "InverseSettings",
+    "JointDescription",
+    "JointLimits",
+    "JointTrajectory",
+    "KeyBinding",
+    "MaterialDescription",
+    "MaterialError",
+    "MeshError",
+    "MeshFile",
+    "NotConvergedError",
+    "OrientationTask",
+    "Part",
+    "PathRefusedError",
+    "Placed",
+    "Placement",
+    "Pose",
+    "PoseSolution",
+    "PoseTask",
+    "PositionTask",
+    "RigidBodyDescription",
+    "RobotDescription",
+    "RunningSimulation",
+    "Scene",
+    "SceneDescription",
+    "SceneError",
+    "Sensitivity",
+    "ServoCalibration",
+    "Shape",
+    "Simulation",
+    "SnapshotError",
+    "SoftSimError",
+    "SolverDivergedError",
+    "SolverSettings",
+    "Sphere",
+    "StartAnimation",
+    "StaticSolution",
+    "StepReport",
+    "SurfaceMesh",
+    "Surroundings",
+    "TetMesh",
+    "TiltController",
+    "TiltGains",
+    "ViewSettings",
+    "Workspace",
+    "__version__",
+    "analytic_sensitivity",
+    "animated",
+    "boundary_surface",
+    "box_mesh",
+    "check_tets",
+    "find_config",
+    "known_scenes",
+    "line_stiffness",
+    "load_scene",
+    "quaternion_of",
+    "read_path",
+    "read_surface",
+    "read_tets",
+    "register_actuator",
+    "rotation_euler",
+    "rotation_exp",
+    "rotation_log",
+    "rotation_of",
+    "sample_workspace",
+    "sampled_sensitivity",
+    "solve_pose",
+    "surface_of",
+    "tilt_rotation",
+    "tilts_of",
+    "write_surface",
+    "write_tets",
+]
+
+_NAMES = {
+    "softsim_core.actuation": (
+        "Actuator ActuatorDescription ActuatorKind ActuatorView GeometricStiffness Placed Surroundings "
+        "register_actuator"
+    ),
+    "softsim_core.actuation.cable": "CableDescription CableView",
+    "softsim_core.actuation.line": "line_stiffness",
+    "softsim_core.actuation.trajectory": "JointTrajectory",
+    "softsim_core.contact.settings": "ContactSettings",
+    "softsim_core.dynamics.report": "ContactReport StepReport",
+    "softsim_core.dynamics.statics": "StaticSolution",
+    "softsim_core.errors": (
+        "ArrayError CommandError ConfigError DetectionOverflowError FactorisationError MaterialError "
+        "MeshError NotConvergedError SceneError SnapshotError SoftSimError SolverDivergedError"
+    ),
+    "softsim_core.inverse.closed_loop": "TiltController TiltGains",
+    "softsim_core.inverse.controller": "InverseController InverseReport",
+    "softsim_core.inverse.path_files": "read_path",
+    "softsim_core.inverse.paths": "EffectorPath PathRefusedError",
+    "softsim_core.inverse.sensitivity": "Sensitivity analytic_sensitivity sampled_sensitivity",
+    "softsim_core.inverse.static": "PoseSolution solve_pose",
+    "softsim_core.inverse.tasks": "HeightTiltTask OrientationTask PoseTask PositionTask",
+    "softsim_core.inverse.tilts": "tilt_rotation tilts_of",
+    "softsim_core.inverse.workspace": "Workspace sample_workspace",
+    "softsim_core.mechanics.limits": "JointLimits",
+    "softsim_core.mechanics.pose": "Pose quaternion_of rotation_euler rotation_exp rotation_log rotation_of",
+    "softsim_core.mesh": (
+        "SurfaceMesh TetMesh boundary_surface box_mesh check_tets read_surface read_tets write_surface "
+        "write_tets"
+    ),
+    "softsim_core.mesh.shapes": "Shape surface_of",
+    "softsim_core.scene": "find_config known_scenes load_scene",
+    "softsim_core.scene.board": "BoardDescription ServoCalibration",
+    "softsim_core.scene.control": "CommandSettings InverseSettings KeyBinding StartAnimation",
+    "softsim_core.scene.description": (
+        "AttachmentDescription BodyDescription JointDescription SceneDescription SolverSettings"
+    ),
+    "softsim_core.scene.material": "MaterialDescription",
+    "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",
+    "softsim_core.scene.robot": "Controller RobotDescription",
+    "softsim_core.scene.running": "RunningSimulation",
+    "softsim_core.scene.scene": "Part Scene animated",
+    "softsim_core.scene.view": "Camera ViewSettings",
+    "softsim_core.simulation": "Simulation",
+    "softsim_core.values": "Box FieldError MeshFile Placement Sphere",
 }
+"""What each module gives."""
+
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
-def __getattr__(name: str) -> Any:  # importing the package alone stays light: no scipy, no numba
-    if name in _HOME:
-        from importlib import import_module
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value  # the next time it is found without this function
+    return value
 
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __dir__() -> list[str]:
+    return list(__all__)

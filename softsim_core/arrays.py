@@ -1,4 +1,4 @@
-"""Array type names used in signatures."""
+"""Array type names used in signatures, and the check of arrays that users pass."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from softsim_core.errors import ArrayError
 
 Array: TypeAlias = NDArray[np.float64]
 """float64 array; its shape and unit stand in the docstring beside it."""
@@ -15,3 +17,34 @@ IndexArray: TypeAlias = NDArray[np.int64]
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 """Array of flags."""
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
+    """`value` as float64, row by row: itself where it is that already, else a copy.
+
+    Args:
+        value: What was passed.
+        shape: What it must have; -1 is any length.
+        name: What a message calls it.
+
+    Raises:
+        ArrayError: another shape, or not real numbers.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.flags.c_contiguous:
+        array: Array = value
+    else:
+        try:
+            given = np.asarray(value)
+            if given.dtype.kind not in "biuf":
+                raise TypeError
+            array = np.array(given, dtype=np.float64, order="C")
+        except (TypeError, ValueError) as error:
+            raise ArrayError(name, shape, "something that is no array of real numbers") from error
+    fits = array.ndim == len(shape)
+    for axis, length in enumerate(shape):
+        fits = fits and length in (-1, array.shape[axis])
+    if not fits:
+        raise ArrayError(name, shape, f"shape {array.shape}")
+    return array

@@ -15,6 +15,20 @@ class SoftSimError(Exception):
     """Base of all errors raised on purpose by the suite; its text is meant for a person."""
 
 
+class ArrayError(SoftSimError, ValueError):
+    """An array that was passed has another shape or type; carries its name and the shape it must have."""
+
+    def __init__(self, name: str, shape: tuple[int, ...], given: str) -> None:
+        self.name, self.shape = name, shape
+        lengths = ", ".join("any" if length < 0 else str(length) for length in shape)
+        wanted = f"({lengths},)" if len(shape) == 1 else f"({lengths})"
+        super().__init__(f"{name} refused: expected real numbers of shape {wanted}, not {given}")
+
+
+class FactorisationError(SoftSimError, ArithmeticError):
+    """A matrix could not be factorised: it is singular, or it holds numbers that are not finite."""
+
+
 class MeshError(SoftSimError, ValueError):
     """A mesh file or mesh array cannot be used; carries its source (file path or name) and the reason."""
 
@@ -59,6 +73,17 @@ class SolverDivergedError(SoftSimError, RuntimeError):
         self.step, self.time_s, self.worst_node = step, time_s, worst_node
         super().__init__(
             f"diverged at step {step} (t = {time_s:.3f} s), node {worst_node}; reduce dt or the load per step"
+        )
+
+
+class DetectionOverflowError(SoftSimError, RuntimeError):
+    """More pairs of features come close than contact detection lists; carries how many, and the most."""
+
+    def __init__(self, needed: int, most: int) -> None:
+        self.needed, self.most = needed, most
+        super().__init__(
+            f"contact detection meets {needed} pairs of features that come close, of at most {most}: bodies "
+            "move too far per step or are crushed into each other; reduce dt, the load or the alarm distance"
         )
 
 

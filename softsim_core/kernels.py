@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -19,14 +19,20 @@ class Compiler:
 
     The cache lies in a folder named after all sources of the package: Numba misses a change in a kernel that
     another one calls.
+
+    Args:
+        folder: The package.
+        uses: Compilers of the packages whose kernels are called here.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, uses: Sequence[Compiler] = ()) -> None:
         self._beside = folder / "__pycache__"
         digest = hashlib.sha256(Path(__file__).read_bytes())
+        for used in uses:
+            digest.update(used.name.encode())
         for source in sorted(folder.glob("*.py")):
             digest.update(source.read_bytes())
-        self._name = f"kernels-{digest.hexdigest()[:16]}"
+        self.name: str = f"kernels-{digest.hexdigest()[:16]}"
         try:
             import numba
         except ImportError:
@@ -39,7 +45,7 @@ class Compiler:
             base = self._beside
         else:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
-        self._cache = str(base / self._name)
+        self._cache = str(base / self.name)
 
     def kernel(self, function: F) -> F:
         """Compile with cache, without the GIL; kernels live at module level, where the cache serves them."""
@@ -58,5 +64,5 @@ class Compiler:
     def forget_old_kernels(self) -> None:
         """Remove what earlier versions of the kernels left beside the present cache."""
         for folder in self._beside.glob("kernels-*"):
-            if folder.name != self._name:
+            if folder.name != self.name:
                 shutil.rmtree(folder, ignore_errors=True)

@@ -12,7 +12,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import RobotDescription, load_scene
 from softsim_ros.messages import diagnostic_array
 from softsim_ros.runtime import ClosableNode, declare_text, parameter_probe
 
@@ -42,7 +42,7 @@ class RobotNode(ClosableNode):
 
     def __init__(
         self,
-        robot: str | os.PathLike[str] | SceneDescription | None = None,
+        robot: str | os.PathLike[str] | RobotDescription | None = None,
         *,
         context: Context | None = None,
         namespace: str | None = None,
@@ -52,16 +52,16 @@ class RobotNode(ClosableNode):
         if robot is None:
             with parameter_probe(self.node_name, context=context, parameter_overrides=overrides) as probe:
                 robot = self._declare_robot(probe)
-        scene = robot if isinstance(robot, SceneDescription) else load_scene(robot)
+        scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
         self.robot = scene.name
         super().__init__(
             self.node_name,
             context=context,
-            namespace=scene.name if namespace is None else namespace,
+            namespace=scene.namespace if namespace is None else namespace,
             parameter_overrides=overrides,
         )
         try:
-            self._declare_robot(self, scene.name if isinstance(robot, SceneDescription) else str(robot))
+            self._declare_robot(self, scene.name if isinstance(robot, RobotDescription) else str(robot))
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:
@@ -69,7 +69,7 @@ class RobotNode(ClosableNode):
             raise
 
     @abstractmethod
-    def _begin(self, scene: SceneDescription) -> None:
+    def _begin(self, robot: RobotDescription) -> None:
         """Declare parameters, make topics and services, start; an error here closes the node."""
 
     def _declare_robot(self, node: Node, default: str = DEFAULT_ROBOT) -> str:

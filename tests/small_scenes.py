@@ -11,11 +11,11 @@ from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
     JointDescription,
-    MaterialDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.values import Box, Placement
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.values import Box, Placement
 
 GRAVITY = 9.81
 """In [m/s^2]."""

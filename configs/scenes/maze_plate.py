@@ -6,20 +6,22 @@ plate rides on two hinges on a slide; R = Rx(tilt_x) Ry(tilt_y), as the path fol
 
 from pathlib import Path
 
-from softsim_core import Simulation
-from softsim_core.actuation.limits import JointLimits
-from softsim_core.inverse.path_files import read_path
-from softsim_core.inverse.tilts import tilts_of
-from softsim_core.mechanics.pose import rotation_of
-from softsim_core.scene import Scene
-from softsim_core.scene.description import Controller, JointDescription
-from softsim_core.scene.objects import (
+from softsim_core import (
     CollisionDescription,
     ContactSettings,
+    Controller,
+    JointDescription,
+    JointLimits,
+    MeshFile,
+    Placement,
     RigidBodyDescription,
+    Scene,
     Shape,
+    Simulation,
+    read_path,
+    rotation_of,
+    tilts_of,
 )
-from softsim_core.scene.values import MeshFile, Placement
 
 PLAN = Path(__file__).resolve().parents[1] / "paths" / "tripod_maze.json"
 CENTRE = Placement(translation=(0.0, 0.0, 0.040))

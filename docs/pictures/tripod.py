@@ -17,8 +17,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from softsim_core import Simulation, load_scene
-from softsim_core.mechanics.pose import rotation_of
+from softsim_core import Simulation, load_scene, rotation_of
 
 TOP_KPA = 120.0
 ARM_M = 0.0265
@@ -59,7 +58,7 @@ def main() -> None:
         if pose == "start":
             simulation.start_animation()
         elif pose is not None:
-            simulation.command(simulation.scene.poses[pose])
+            simulation.command(simulation.robot.poses[pose])
         for _ in range(100):
             simulation.step()
         axes = figure.add_subplot(1, 3, column + 1, projection="3d")

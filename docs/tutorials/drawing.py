@@ -17,12 +17,9 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from softsim_core import Simulation
+from softsim_core import Pose, Shape, Simulation, quaternion_of, rotation_of, surface_of
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.mechanics.model import HELD
-from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_of
-from softsim_core.mesh.shapes import surface_of
-from softsim_core.scene.objects import Shape
+from softsim_core.mechanics.model import FIXED
 from softsim_core.scene.rigid_builder import RigidBody
 
 SIZE_PX, FILM_PX = (640, 400), (400, 250)
@@ -37,7 +34,7 @@ SHARP = np.cos(np.radians(25.0))
 def extent(simulation: Simulation, *, ghost: bool = False, hidden: Sequence[str] = ()) -> Array:
     """Points in [mm] around all that `draw` shows, shape (k, 3)."""
     outlines = list(_rest_outlines(simulation)) if ghost else []
-    cables = [1e3 * cable.points for cable in simulation.cables]
+    cables = [1e3 * cable.points for cable in simulation.actuators]
     return np.concatenate([*_faces(simulation, hidden)[0], *outlines, *cables])
 
 
@@ -216,7 +213,7 @@ def _sharp_edges(points: Array, triangles: IndexArray) -> list[Array]:
 
 
 def _draw_cables(axes: plt.Axes, simulation: Simulation) -> None:
-    for cable in simulation.cables:
+    for cable in simulation.actuators:
         points = 1e3 * cable.points
         _lines(axes, [points], "tab:orange", 1.6, 4)
         axes.scatter(*points.T, color="tab:orange", s=7, zorder=4, depthshade=False)
@@ -226,9 +223,9 @@ def _draw_cables(axes: plt.Axes, simulation: Simulation) -> None:
 
 def _draw_held_nodes(axes: plt.Axes, simulation: Simulation) -> None:
     """Nodes that move rigidly: red held by the world, purple with a joint or a free frame."""
-    zone = simulation.model.zone_of_node
+    zone = simulation.model.region_of_node
     points = 1e3 * simulation.positions
-    for chosen, colour in ((zone == HELD, "tab:red"), (zone >= 0, "tab:purple")):
+    for chosen, colour in ((zone == FIXED, "tab:red"), (zone >= 0, "tab:purple")):
         if chosen.any():
             axes.scatter(*points[chosen].T, color=colour, s=6, zorder=5, depthshade=False)
 

@@ -21,9 +21,14 @@ FOLDER = Path(__file__).resolve().parent
 sys.path.insert(0, str(FOLDER.parents[1]))
 sys.path.insert(0, str(FOLDER))
 
-from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.inverse.controller import InverseController  # noqa: E402
-from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_euler  # noqa: E402
+from softsim_core import (  # noqa: E402
+    InverseController,
+    Pose,
+    Simulation,
+    load_scene,
+    quaternion_of,
+    rotation_euler,
+)
 
 PICTURES = FOLDER / "pictures"
 KEYWORD = "Scene state"
@@ -151,7 +156,7 @@ def state_of(simulation: Simulation) -> dict[str, list[float]]:
         lengths += [points.min(axis=0), points.max(axis=0), points.mean(axis=0)]
     return {
         "lengths_mm": [round(1e3 * value, 3) for each in lengths for value in each.tolist()],
-        "tensions_n": [round(cable.tension, 3) for cable in simulation.cables],
+        "tensions_n": [round(cable.tension, 3) for cable in simulation.actuators],
     }
 
 

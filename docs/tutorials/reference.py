@@ -15,8 +15,8 @@ from typing import Any
 FOLDER = Path(__file__).resolve().parent
 sys.path.insert(0, str(FOLDER.parents[1]))
 
-from softsim_core.actuation.limits import JointLimits  # noqa: E402
-from softsim_core.scene import description, gripper_parts, objects, parts, values, view  # noqa: E402
+import softsim_core as core  # noqa: E402
+from softsim_core.robots import gripper_parts, parts  # noqa: E402
 
 PARTS: tuple[Callable[..., Any], ...] = (
     parts.servo,
@@ -31,26 +31,26 @@ PARTS: tuple[Callable[..., Any], ...] = (
     gripper_parts.rigid_thing,
 )
 SECTIONS: tuple[tuple[str, type], ...] = (
-    ("bodies", description.BodyDescription),
-    ("material", description.MaterialDescription),
-    ("joints", description.JointDescription),
-    ("limits", JointLimits),
-    ("cable", objects.CableDescription),
-    ("attachments", description.AttachmentDescription),
-    ("rigid_bodies", objects.RigidBodyDescription),
-    ("shape", objects.Shape),
-    ("collisions", objects.CollisionDescription),
-    ("contact", objects.ContactSettings),
-    ("placement, base, frame, pose", values.Placement),
-    ("solver", description.SolverSettings),
-    ("commands", description.CommandSettings),
-    ("start", description.StartAnimation),
-    ("keys", description.KeyBinding),
-    ("inverse", description.InverseSettings),
-    ("board", description.BoardDescription),
-    ("servos", description.ServoCalibration),
-    ("view", view.ViewSettings),
-    ("camera", view.Camera),
+    ("bodies", core.BodyDescription),
+    ("material", core.MaterialDescription),
+    ("joints", core.JointDescription),
+    ("limits", core.JointLimits),
+    ("cable", core.CableDescription),
+    ("attachments", core.AttachmentDescription),
+    ("rigid_bodies", core.RigidBodyDescription),
+    ("shape", core.Shape),
+    ("collisions", core.CollisionDescription),
+    ("contact", core.ContactSettings),
+    ("placement, base, frame, pose", core.Placement),
+    ("solver", core.SolverSettings),
+    ("commands", core.CommandSettings),
+    ("start", core.StartAnimation),
+    ("keys", core.KeyBinding),
+    ("inverse", core.InverseSettings),
+    ("board", core.BoardDescription),
+    ("servos", core.ServoCalibration),
+    ("view", core.ViewSettings),
+    ("camera", core.Camera),
 )
 HEAD = """# Parts and sections
 

@@ -79,7 +79,7 @@ class JointTrajectory:
 
         Args:
             time: Seconds after the start; negative counts as 0.
-            start_positions: Command in [rad] or [m] at time 0, one a joint of `joint_names`.
+            start_positions: Command in [rad] or [m] at time 0, one per joint of `joint_names`.
             joint_names: Joints of the command, in its order; None: the trajectory's own joints.
 
         Returns:

@@ -6,6 +6,5 @@ from pathlib import Path
 
 from softsim_core.kernels import Compiler
 
-_compiler = Compiler(Path(__file__).parent)
-kernel = _compiler.kernel
-forget_old_kernels = _compiler.forget_old_kernels
+compiler = Compiler(Path(__file__).parent)
+kernel = compiler.kernel

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.contact.detection import Detector
+from softsim_core.contact.detection import Detector, measured_gaps
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.contact.solver import solve_contacts
 from softsim_core.contact.surfaces import CollisionSurface
-from softsim_core.scene.objects import ContactSettings
 
 
 def warm_up_contact() -> None:
@@ -20,7 +20,11 @@ def warm_up_contact() -> None:
     balls = tuple(
         CollisionSurface(name="ball", vertices=slice(6 + k, 7 + k), owner=2 + k, radius=0.9) for k in range(2)
     )
-    near = Detector((low, high, *balls), points, ContactSettings()).detect(points, 1.5)
+    detector = Detector((low, high, *balls), points, ContactSettings())
+    near = detector.detect(points, 1.5)
+    detector.edges_again(near.key, points)
+    detector.free_share(points, points, np.ones(len(detector.pairs), dtype=np.bool_))
+    measured_gaps(near, near.chosen(np.zeros(0, dtype=np.int64)), points, np.zeros(len(points)), 1.5)
     rows = 1 + 3 * len(near.key)
     solve_contacts(
         np.eye(rows), np.full(rows, -1.0), (np.zeros(1), np.ones(1)), 0.5, np.zeros(rows), 10, 1e-9

@@ -5,22 +5,40 @@ from __future__ import annotations
 import warnings
 from functools import cache
 
-from softsim_core.actuation.cable import Cables, no_cables
-from softsim_core.dynamics.scipy_step import ScipyStepper
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.dynamics import Backend
+from softsim_core.dynamics.scipy_backend import ScipyStepper
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.errors import SceneError
+from softsim_core.linalg.solvers import AUTO, COMPILED, linear_solver
 from softsim_core.mechanics.model import Model
-from softsim_core.scene.description import Backend
 
 
-def make_stepper(model: Model, backend: Backend, cables: Cables | None = None) -> Stepper:
-    """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once)."""
-    cables = cables if cables is not None else no_cables()
-    if backend != "scipy":
+def make_stepper(
+    model: Model, backend: Backend, actuators: Actuators | None = None, solver: str = AUTO
+) -> Stepper:
+    """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once).
+
+    Args:
+        model: What moves.
+        actuators: What pulls and pushes at the command of joints; None: nothing.
+        backend: The compiled step is one with its linear solver; any other solver runs with plain assembly.
+        solver: Name of the linear solver, see linalg.solvers.
+
+    Raises:
+        SceneError: no such solver, one that does not go with the backend, or Numba is missing.
+    """
+    actuators = actuators if actuators is not None else Actuators()
+    chosen, compiled = linear_solver(solver), solver in (AUTO, COMPILED)
+    if backend == "numba" and not compiled:
+        raise SceneError(
+            f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"
+        )
+    if backend != "scipy" and compiled:
         try:
-            from softsim_core.dynamics.fast.stepper import NumbaStepper
+            from softsim_core.dynamics.numba_backend.stepper import NumbaStepper
 
-            return NumbaStepper(model, cables)
+            return NumbaStepper(model, actuators)
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
                 raise
@@ -29,7 +47,7 @@ def make_stepper(model: Model, backend: Backend, cables: Cables | None = None) -
                     "backend numba needs the package numba: pip install numba, or use scipy"
                 ) from error
             _say_that_numba_is_missing()
-    return ScipyStepper(model, cables)
+    return ScipyStepper(model, actuators, chosen)
 
 
 @cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings

@@ -1,56 +1,74 @@
-"""The step with contacts and free rigid bodies, around the one of nodes, joints and cables.
+"""The step with contacts and free rigid bodies, around the one of nodes, joints and actuators.
 
 1. the step as if nothing touched;
-2. rows H and gaps g of all contacts, from the start of the step and that motion;
-3. compliance C = h^2 H A^-1 H^T in [m/N] of cables and contacts, rigid bodies included;
-4. forces f so that g + C f keeps every cable's travel and every contact's cone;
-5. the velocities that the change of h f adds.
+2. rows H and gaps g of all contacts, linearised about the start of the step;
+3. compliance C = h^2 H A^-1 H^T in [m/N] of actuators and contacts, rigid bodies included;
+4. forces f so that g + C f keeps every actuator's coordinate and every contact's cone;
+5. the velocities that the change of h f adds to the free motion;
+6. the true shapes at the end: where surfaces are nearer than they may be, or something has passed a surface
+   on its way, again from 2, linearised about where that led, or about the last place before the passing.
 
 Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable objects (constraint-based).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.solver import solve_contacts
-from softsim_core.dynamics.contacts import Contacts, Touching, no_memory
-from softsim_core.dynamics.rows import Rows
-from softsim_core.dynamics.stepper import Inputs, Parameters, Stepper
-from softsim_core.mechanics.state import State
-from softsim_core.scene.objects import ContactSettings
+from softsim_core.arrays import Array
+from softsim_core.contact.collision_model import CollisionModel, Place
+from softsim_core.contact.detection import Proximities, measured_gaps
+from softsim_core.contact.linearised import LinearisedContacts, linearise
+from softsim_core.contact.solver import ContactSolution, solve_contacts
+from softsim_core.dynamics.report import ContactReport, StepReport
+from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.rigid import RigidBodies
+from softsim_core.mechanics.state import State, no_warm_start
+
+MOST_PASSES = 10
+"""Times that the contacts of a step are solved at most."""
+RUNAWAY_SIZES = 100.0
+"""What goes farther than this many times the size of the scene within one step has run away."""
+_SHORT = 0.95
+"""Share of the way to the first passing at which contacts are linearised anew."""
+_NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactReport:
-    """What touched in the last step.
+def runaway_speed(size: float, dt: float) -> float:
+    """Speed in [m/s] from which on what is in a scene of `size` [m] has run away in steps of `dt` [s]."""
+    return RUNAWAY_SIZES * size / dt
+
+
+class Pass(NamedTuple):
+    """What one solution of the contacts of a step led to.
 
     Attributes:
-        points: Middle of each contact in [m], shape (k, 3).
-        forces: Force on the first surface of each pair in [N], world axes, shape (k, 3).
-        gaps: Gap between the surfaces in [m] beyond the contact distance at the end of the step, shape (k,).
-        pairs: Numbers of the two surfaces, shape (k, 2).
-        residual: How far the forces are from the contact law, in [m].
-        sweeps: Sweeps of the contact solver.
+        touching: The contacts.
+        solution: Their forces; those of actuators are left out.
+        report: Of the step.
+        end: The end of the step.
+        near: What is close there.
+        room: Share of the way on which nothing passes a surface, and the smallest gap at the end in [m].
+        values: State.buffer at the end.
     """
 
-    points: Array
-    forces: Array
-    gaps: Array
-    pairs: IndexArray
-    residual: float
-    sweeps: int
-
-
-NOTHING = ContactReport(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2), np.int64), 0.0, 0)
+    touching: LinearisedContacts
+    solution: ContactSolution
+    report: StepReport
+    end: Place
+    near: Proximities
+    room: tuple[float, float]
+    values: Array
 
 
 class Stopwatch:
-    """Times of parts in [ms], one behind the other."""
+    """Times of parts in [ms]; a part that is timed again is added up."""
 
     def __init__(self) -> None:
         self.times: dict[str, float] = {}
@@ -59,127 +77,200 @@ class Stopwatch:
     def mark(self, part: str) -> None:
         """Everything since the mark before was `part`."""
         now = perf_counter()
-        self.times[part] = 1e3 * (now - self._last)
+        self.times[part] = self.times.get(part, 0.0) + 1e3 * (now - self._last)
         self._last = now
 
 
 class ContactStepper:
-    """A step with rigid bodies and contacts around one without."""
+    """A step with rigid bodies and contacts around one without.
 
-    def __init__(self, inner: Stepper, contacts: Contacts | None) -> None:
-        self._inner, self._contacts = inner, contacts
-        self.name, self.model, self.cables = inner.name, inner.model, inner.cables
-        self.stage_times: dict[str, float] = {}
-        self.report = NOTHING
-        self._before = inner.model.empty_state()
+    Args:
+        inner: The step of nodes, joints and actuators.
+        collisions: What may touch; None: nothing.
+    """
 
-    @property
-    def cable_gaps(self) -> Array:
+    def __init__(self, inner: Stepper, collisions: CollisionModel | None) -> None:
+        self._inner, self._collisions = inner, collisions
+        self.name, self.compiled = inner.name, inner.compiled
+        self.model, self.actuators = inner.model, inner.actuators
+        self._free = inner.model.empty_state()
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
-        return self._inner.cable_gaps
-
-    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
-        """See Stepper."""
-        model, before = self.model, self._before
-        before.copy_from(state)
-        speed = self._inner.step(state, inputs, parameters)
+        model, collisions = self.model, self._collisions
+        free = self._inner.free_motion(state, control, parameters)
+        report, before = free.report, free.before
         if model.rigid.names:
-            model.rigid.predict(state, model.gravity, model.dt)
+            model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
             model.rigid.advance(state, before, model.dt)
-            speed = float(np.max([speed, np.abs(state.rigid_velocities).max()]))  # keeps NaN
-        state.memory, self.report = no_memory(), NOTHING
-        if not np.isfinite(speed) or self._contacts is None:
-            self.stage_times = self._inner.stage_times
-            return speed
+            report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
+        state.warm_start = no_warm_start()
+        if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
+            if model.rigid.names and np.isfinite(report.top_speed):
+                model.rigid.finish(state, before)
+                report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
+            return report
         watch = Stopwatch()
-        touching = self._contacts.find(model, before, state)
-        if not len(touching):
-            touching = self._contacts.find_farther(touching, model, before, state)
-        watch.mark("detect")
-        if len(touching):
-            speed = self._hold(speed, state, before, inputs, touching, self._contacts.settings, watch)
+        report = self._hold(free, report, control, collisions, watch)
         parts = {part: watch.times.get(part, 0.0) for part in ("compliance", "forces", "correct")}
-        self.stage_times = {
-            **self._inner.stage_times,
-            "detect": watch.times["detect"],
-            "contact": sum(parts.values()),
-            **parts,
-        }
-        return speed
+        detect, contact = watch.times["detect"], sum(parts.values())
+        return replace(report, times={**report.times, "detect": detect, "contact": contact, **parts})
 
     def _hold(
         self,
-        speed: float,
-        state: State,
-        before: State,
-        inputs: Inputs,
-        touching: Touching,
-        settings: ContactSettings,
+        motion: FreeMotion,
+        report: StepReport,
+        control: Control,
+        collisions: CollisionModel,
         watch: Stopwatch,
-    ) -> float:
-        """Find the forces and add what they do; returns the largest speed, which was `speed` without them."""
-        model, h = self.model, self.model.dt
+    ) -> StepReport:
+        """Solve the contacts of a step, linearised again until the true shapes have room at its end.
+
+        Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
+        surface even so, all stands still at the last place before that for the rest of the step.
+        """
+        state, before = motion.state, motion.before
+        self._free.copy_from(state)
+        start = collisions.start(before)
+        free = collisions.end(start, self._free)
+        place, near, warm_start = start, collisions.at_start(start, free), before.warm_start
+        best: Pass | None = None
+        earlier = np.unique(warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64))
+        for count in range(1, MOST_PASSES + 1):
+            touching = linearise(collisions, near, start, place, free, earlier)
+            watch.mark("detect")
+            state.copy_from(self._free)
+            reached, solution, end = report, _NO_FORCES, free
+            if len(touching):
+                reached, solution = self._solve(motion, report, control, touching, warm_start, watch)
+                if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
+                    return reached
+                end = collisions.end(start, state)
+            end = end._replace(state=state)
+            self.model.rigid.finish(state, before)
+            warm_start = touching.warm_start(solution.forces)
+            near = collisions.at_end(end)
+            room = (collisions.free_share(start, end), collisions.room(near))
+            if best is None or room > best.room:
+                best = Pass(touching, solution, reached, end, near, room, state.buffer.copy())
+            if room >= (1.0, collisions.least_gap):
+                break
+            earlier = np.union1d(earlier, touching.near.key)
+            if count < MOST_PASSES:
+                share = room[0]
+                place = end if share == 1.0 else collisions.between(start, end, _SHORT * share)
+                near = collisions.at(place, free, end)
+        assert best is not None
+        state.buffer[:] = best.values
+        if best.room[0] < 1.0:
+            best = self._cut(best, state, collisions, start)
+        state.warm_start = best.touching.warm_start(best.solution.forces)
+        watch.mark("detect")
+        measure = partial(_measure, best, collisions, count)
+        return replace(
+            best.report, top_speed=_faster(best.report.top_speed, state, self.model.rigid), measure=measure
+        )
+
+    def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
+        """Let all stand where it is before something passes, with the velocities of the step's end."""
+        place = collisions.between(start, best.end._replace(state=state), _SHORT * best.room[0])
+        for name in ("velocities", "reduced_velocities", "rigid_velocities"):
+            setattr(place.state, name, getattr(state, name))
+        state.buffer[:] = place.state.buffer
+        self.model.place_regions(state)
+        end = collisions.end(start, state)
+        return best._replace(end=end, near=collisions.at_end(end))
+
+    def _solve(
+        self,
+        motion: FreeMotion,
+        report: StepReport,
+        control: Control,
+        touching: LinearisedContacts,
+        warm_start: Array,
+        watch: Stopwatch,
+    ) -> tuple[StepReport, ContactSolution]:
+        """Find the forces and add what they do to the free motion; the step's report, and the forces.
+
+        Of the solution, the multipliers of actuators are left out.
+        """
+        model, h, state, before = self.model, self.model.dt, motion.state, motion.before
         reaches = len(touching.rows.place) > 0  # what is not rigid
-        cables = len(self.cables) if reaches else 0
+        acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
         if reaches:
-            compliance = h * h * self._inner.compliance(touching.rows, before)
+            compliance = h * h * motion.compliance(touching.rows)
+            compliance[range(acting), range(acting)] += self.actuators.compliance
         moves = model.rigid.response(before, touching.on_rigid)
-        compliance[cables:, cables:] += h * h * (moves @ touching.on_rigid.T)
+        compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
         watch.mark("compliance")
-        tensions = state.joint_efforts[self.cables.joint][:cables]
-        gap = np.append(self.cable_gaps[:cables], touching.gap) - compliance[:, :cables] @ tensions
-        lower, upper = self.cables.bounds(inputs.targets)
+        multipliers = state.joint_efforts[self.actuators.joint][:acting]
+        gap = np.append(motion.violations[:acting], touching.gap)
+        gap -= compliance[:, :acting] @ multipliers
+        lower, upper = self.actuators.bounds(control.targets)
         solution = solve_contacts(
             compliance,
             gap,
-            (lower[:cables], upper[:cables]),
-            settings.friction,
-            np.append(tensions, touching.remembered(before.memory)),
-            settings.iterations,
-            settings.tolerance,
+            (lower[:acting], upper[:acting]),
+            touching.friction,
+            np.append(multipliers, touching.first_forces(warm_start)),
+            touching.settings.iterations,
+            touching.settings.tolerance,
         )
-        forces = solution.forces[cables:]
+        forces = solution.forces[acting:]
         watch.mark("forces")
         if reaches:
-            more = solution.forces[:cables] - tensions
-            speed = self._inner.correct(state, before, h * np.append(more, forces))
+            more = solution.forces[:acting] - multipliers
+            velocities = state.rigid_velocities.copy()
+            report = motion.correct(h * np.append(more, forces))
+            state.rigid_velocities = velocities
         if model.rigid.names:
             state.rigid_velocities += (h * (forces @ moves)).reshape(-1, 6)
             model.rigid.advance(state, before, h)
-            speed = float(np.max([speed, np.abs(state.rigid_velocities).max()]))
+            report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
         watch.mark("correct")
-        state.memory = touching.memory(forces)
-        self.report = ContactReport(
-            touching.points,
-            np.einsum("kd,kdi->ki", forces.reshape(-1, 3), touching.directions),
-            (gap + compliance @ solution.forces)[cables::3],
-            touching.pairs,
-            solution.residual,
-            solution.sweeps,
-        )
-        return speed
+        return report, solution._replace(forces=forces)
 
-    # --- what contacts have no part in ---
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """See Stepper; rigid bodies stay where they are."""
+        return self._inner.free_motion(state, control, parameters)
 
-    def compliance(self, rows: Rows, before: State) -> Array:
-        """See Stepper."""
-        return self._inner.compliance(rows, before)
-
-    def correct(self, state: State, before: State, impulses: Array) -> float:
-        """See Stepper."""
-        return self._inner.correct(state, before, impulses)
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+        """See Stepper; contacts have no part in it."""
+        return self._inner.static_tangent(state, parameters, forces)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper."""
         return self._inner.von_mises(state, parameters)
 
-    def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
-        """See Stepper."""
-        return self._inner.border_stiffness(state, parameters, forces)
 
-    def border_response(
-        self, state: State, parameters: Parameters, forces: Array, rows: Rows
-    ) -> tuple[Array, Array, Array]:
-        """See Stepper."""
-        return self._inner.border_response(state, parameters, forces, rows)
+def _faster(speed: float, state: State, rigid: RigidBodies) -> float:
+    """The larger of a speed and those of the rigid bodies in [m/s]; keeps NaN."""
+    speeds = np.abs(state.rigid_velocities)
+    speeds[:, 3:] *= rigid.gyration[:, None]
+    return float(np.maximum(speeds.max(initial=0.0), speed))
+
+
+def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactReport:
+    """What touched, measured at the end of the step."""
+    touching, solution, near, points = done.touching, done.solution, done.near, done.end.points
+    settings = collisions.settings
+    gaps, others = measured_gaps(
+        touching.near, near, points, collisions.carried.radius, settings.alarm_distance
+    )
+    forces = np.einsum("kd,kdi->ki", solution.forces.reshape(-1, 3), touching.directions)
+    pairs = np.concatenate([touching.near.pair, others.pair])
+    sides = np.einsum("kc,kci->ki", others.a_weights, points[others.a])
+    sides += np.einsum("kc,kci->ki", others.b_weights, points[others.b])
+    return ContactReport(
+        np.concatenate([touching.points, 0.5 * sides]),
+        np.concatenate([forces, np.zeros((len(others.key), 3))]),
+        np.concatenate([touching.near.normal, others.normal]),
+        np.concatenate([gaps, others.distance]) - settings.contact_distance,
+        pairs,
+        collisions.owner[pairs],
+        collisions.body_names,
+        solution.residual,
+        solution.sweeps,
+        passes,
+    )

@@ -1,13 +1,13 @@
 """Static equilibrium of a model: Newton's method with the exact tangent, line search and load stepping.
 
 With q the free nodes, free frames and compliant joints, x = x(q) the nodes, J = dx/dq and f the forces on
-nodes (elastic, weight, soft fixings, external, cables), the residual is r(q) = J^T f + drive springs, and an
-iteration solves
+nodes (elastic, weight, soft fixings, external, actuators), the residual is r(q) = J^T f + drive springs, and
+an iteration solves
 
-    (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid zones
+    (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid regions
 
-and adds dq, all or part of it (see WAYS). Cables add their tensions t to f, the stiffness of their
-directions under tension to K, and their travels to what is solved; see cable_statics. A load that is too far
+and adds dq, all or part of it (see WAYS). Actuators add H^T t to f, their geometric stiffness to the tangent,
+and s - q + c t to what is solved; see actuator_statics. A load that is too far
 is approached in parts: joint targets and base shift move evenly, and the residual of the first state is taken
 away evenly. What comes out is checked: the last step is tiny, the equilibrium stable, and no element was
 turned inside out.
@@ -23,8 +23,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.actuation.cable import Cables
+from softsim_core.actuation.actuator import GeometricStiffness
+from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
+from softsim_core.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
 from softsim_core.dynamics.assembly import (
     Unknowns,
     jacobian,
@@ -32,11 +34,11 @@ from softsim_core.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
-from softsim_core.dynamics.cable_statics import CableFactors, cable_rows, cable_stiffness
-from softsim_core.dynamics.scipy_step import factorised
-from softsim_core.dynamics.stepper import Inputs, Parameters
-from softsim_core.errors import NotConvergedError
-from softsim_core.fem.corotational import deformation_gradients
+from softsim_core.errors import FactorisationError, NotConvergedError
+from softsim_core.fem.assembly import inverted_cells
+from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
+from softsim_core.linalg.solvers import linear_solver
+from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
@@ -47,14 +49,15 @@ SMALLEST_PART = 1.0 / 1024.0
 SHORTEST_STEP = 1.0 / 256.0
 """A line search below this fraction of a Newton step is given up."""
 
-WAYS = {"whole": 12, "damped": 25, "warped": 12}
+WAYS = {"whole": 12, "damped": 25, "distant": 12}
 """Ways to an equilibrium, quickest first, and their most iterations: whole Newton steps; damped ones; steps
-with the rotations of the elements frozen, which survive a crumpled start, then whole ones when near."""
+with the distant tangent, which survive a crumpled start, then whole ones when near."""
 
 NEAR = 0.1
-"""Frozen rotations are left when a step is shorter than this part of an element's size."""
+"""The distant tangent is left when a step is shorter than this part of an element's size."""
 
 SINGULAR = "the tangent is singular (is every body attached?)"
+NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,38 +80,42 @@ class StaticSolution:
 def solve_static(
     model: Model,
     state: State,
-    inputs: Inputs,
+    control: Control,
     parameters: Parameters,
     *,
-    cables: Cables | None = None,
+    actuators: Actuators | None = None,
     tolerance: float = 1e-11,
+    solver: LinearSolver | None = None,
 ) -> StaticSolution:
-    """The stable equilibrium under constant inputs that is reached from `state`.
+    """The stable equilibrium under a constant control that is reached from `state`.
 
     Args:
         model: The model.
         state: Where to start; it is not changed. Velocities do not matter; held nodes stay where they are.
-        inputs: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
+        control: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
         parameters: Material; damping has no part in an equilibrium.
-        cables: The cables that joints pull; contacts have no part in it.
+        actuators: What pulls and pushes at the command of joints; contacts have no part in it.
         tolerance: The last Newton step moves nothing by more than this, in [m].
+        solver: The linear solver; None: the default.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
     """
-    problem = _Problem(model, inputs, parameters, state, cables)
-    current, reached, part, steps = problem.start, 0.0, 1.0, 0
-    while reached < 1.0:
-        goal = min(1.0, reached + part)
-        try:
-            current = problem.newton(current, goal, tolerance)
-        except NotConvergedError as failure:
-            part /= 4.0
-            if part < SMALLEST_PART:
-                raise failure
-            continue
-        reached, steps, part = goal, steps + 1, 2.0 * part
-    residual = problem.finish(current)
+    with np.errstate(all="ignore"):  # far off, numbers overflow: such steps are refused
+        chosen = solver or linear_solver()
+        problem = _Problem(model, control, parameters, state, actuators or Actuators(), chosen)
+        current, reached, part, steps = problem.start, 0.0, 1.0, 0
+        while reached < 1.0:
+            goal = min(1.0, reached + part)
+            try:
+                current = problem.newton(current, goal, tolerance)
+            except NotConvergedError as failure:
+                part /= 4.0
+                if part < SMALLEST_PART:
+                    raise failure
+                continue
+            reached, steps, part = goal, steps + 1, 2.0 * part
+        residual = problem.finish(current)
     return StaticSolution(current, problem.iterations, steps, residual)
 
 
@@ -116,37 +123,51 @@ class _Problem:
     """Residual and tangent of one static problem, and the Newton iteration on them."""
 
     def __init__(
-        self, model: Model, inputs: Inputs, parameters: Parameters, state: State, cables: Cables | None
+        self,
+        model: Model,
+        control: Control,
+        parameters: Parameters,
+        state: State,
+        actuators: Actuators,
+        solver: LinearSolver,
     ) -> None:
-        self.model, self.inputs, self.parameters, self.cables = model, inputs, parameters, cables
-        self.held = 0 if cables is None else len(cables)
-        self.lame = parameters.lame[model.element_body]
+        self.model, self.control, self.parameters, self.actuators = model, control, parameters, actuators
+        self.held = len(actuators)
         self.at = Unknowns(model)
+        self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
         self.iterations = 0
         self.start = _copy(model, state)
         self.start.velocities[:] = 0.0
-        self.start.border_velocities[:] = 0.0
+        self.start.reduced_velocities[:] = 0.0
+        # while the problem is solved, the position of an actuator's joint is its command
+        taken_up = actuators.compliance * self._multipliers(self.start)
+        self.start.joint_positions[actuators.joint] = actuators.values(model, self.start) + taken_up
         self.first_targets = self.start.joint_positions.copy()
-        if cables is not None:
-            forced = cables.joint[cables.by_force]
-            self.first_targets[forced] = self.start.joint_efforts[forced]
+        self.first_targets[actuators.multiplied] = self.start.joint_efforts[actuators.multiplied]
         self.first_shift = float(self.start.base_shift[0])
-        self.lever = self._levers()
-        self.near = NEAR * float(np.cbrt(model.elements.volumes.mean())) if len(self.lame) else 0.0
-        self.first_residual = np.zeros(self.at.size + self.held)
-        self.first_residual = self._residual(self.start, 0.0)[0]
-        self.first_residual[self.at.size :] = 0.0
-        if not np.isfinite(self.first_residual + self.inputs.targets.sum() + self.inputs.base_shift).all():
+        given = (state.buffer, control.targets, control.forces, control.base_shift)
+        if not all(np.isfinite(each).all() for each in given):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
+        self.lever = self._levers()
+        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.groups])
+        self.near = NEAR * float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
+        self.first_residual = np.zeros(self.at.size + self.held)
+        try:
+            self.first_residual = self._residual(self.start, 0.0)[0]
+        except np.linalg.LinAlgError as error:  # of the rotations of elements
+            raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan")) from error
+        self.first_residual[self.at.size :] = 0.0
+        if not np.isfinite(self.first_residual).all():
+            raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
 
     def _levers(self) -> Array:
-        """What turns each unknown into a displacement: how far it moves its zone's nodes in [m], else 1."""
+        """What turns each unknown into a displacement: how far it moves its region's nodes in [m], else 1."""
         lever = np.append(np.ones(self.at.size), np.zeros(self.held))
-        screws = self.model.screws(self.start)
-        for zone in self.model.zones:
-            for k in zone.border.tolist():
-                moved = screws.jacobian(k, self.start.positions[zone.nodes])
-                lever[self.at.first_border + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
+        motion_subspace = self.model.motion_subspace(self.start)
+        for region in self.model.regions:
+            for k in region.reduced.tolist():
+                moved = motion_subspace.jacobian(k, self.start.positions[region.nodes])
+                lever[self.at.first_reduced + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
         return lever
 
     def newton(self, before: State, goal: float, tolerance: float) -> State:
@@ -157,20 +178,23 @@ class _Problem:
                 return self._iterated(before, goal, tolerance, way)
             except NotConvergedError as refused:
                 failure = refused
+            except np.linalg.LinAlgError as error:  # of the rotations of elements
+                failure = NotConvergedError(NO_FORCES, goal, self.iterations, float("nan"))
+                failure.__cause__ = error
         assert failure is not None
         raise failure
 
     def _iterated(self, before: State, goal: float, tolerance: float, way: str) -> State:
-        state, warped = self._predicted(before, goal), way == "warped"
+        state, distant = self._predicted(before, goal), way == "distant"
         sizes: list[float] = []
         for _ in range(WAYS[way]):
             residual, forces = self._residual(state, goal)
-            factors = self._factors(state, forces, goal, warped)
+            factors = self._factors(state, forces, goal, distant)
             step = self._solve(factors, residual, state)
             sizes.append(self._size(step))
             if not sizes[-1] < np.inf:
                 raise self._failure(SINGULAR, goal, residual)
-            if sizes[-1] <= tolerance and not warped:
+            if sizes[-1] <= tolerance and not distant:
                 self._accept(state, before, factors, goal, residual)
                 self._move(state, step)
                 return state
@@ -181,30 +205,29 @@ class _Problem:
             if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
                 raise self._failure("whole steps do not get shorter", goal, residual)
             self._move(state, step)
-            warped = warped and sizes[-1] > self.near
+            distant = distant and sizes[-1] > self.near
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
         """Refuse an equilibrium in which nothing would stay, or that was reached through matter."""
-        if not _positive(factors):
+        if not factors.positive:
             raise self._failure("only an unstable one", goal, residual)
         if (self._inverted(state) & ~self._inverted(before)).any():
             raise self._failure("only one with elements turned inside out", goal, residual)
 
     def _inverted(self, state: State) -> Any:
         """Which elements are inside out, shape (m,)."""
-        corners = state.positions[self.model.elements.nodes]
-        gradients = deformation_gradients(corners, self.model.elements.gradients)
-        return np.linalg.det(gradients) < 0.0
+        flags = [inverted_cells(group, state.positions) for group in self.model.groups]
+        return np.concatenate([np.zeros(0, dtype=bool), *flags])
 
     def finish(self, state: State) -> float:
         """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
         residual, _ = self._residual(state, 1.0)
-        tensions = self._tensions(state)
+        multipliers = self._multipliers(state)
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
-        if self.cables is not None:
-            self.cables.report(self.model, state, tensions)
-        spring = self.at.drive * (self.inputs.targets - state.joint_positions)
+        state.joint_efforts[self.actuators.joint] = multipliers
+        self.actuators.measure(self.model, state)
+        spring = self.at.drive * (self.control.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
         return self._unbalanced(residual)
 
@@ -213,74 +236,80 @@ class _Problem:
         at, model = self.at, self.model
         state = _copy(model, before)
         state.joint_positions[at.prescribed] = self._targets(goal)[at.prescribed]
-        state.base_shift[0] = self.first_shift + goal * (self.inputs.base_shift - self.first_shift)
-        model.place_zones(state)
+        state.base_shift[0] = self.first_shift + goal * (self.control.base_shift - self.first_shift)
+        model.place_regions(state)
         driven = (state.positions - before.positions).ravel()
         if driven.any():
             residual, forces = self._residual(before, goal)
-            stiffness = self._stiffness(before)
+            stiffness = self._stiffness(before) + on_nodes(model, self._geometric(before))
             residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
             self._move(state, self._solve(self._factors(before, forces, goal), residual, before))
         return state
 
     def _targets(self, fraction: float) -> Array:
-        return np.asarray(self.first_targets + fraction * (self.inputs.targets - self.first_targets))
+        return np.asarray(self.first_targets + fraction * (self.control.targets - self.first_targets))
 
     def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
-        """Generalised forces and gaps of cables (d + c,) at a part of the load, node forces (n, 3) in [N]."""
+        """Generalised forces and s - q + c t (d + c,) at a part of the load, node forces (n, 3) in [N]."""
         model, at = self.model, self.at
-        forces = static_forces(model, state, self.parameters.lame, self.inputs.forces)
+        forces = static_forces(model, state, self.parameters, self.control.forces)
         residual = np.zeros(at.size + self.held)
-        if self.cables is not None:
-            spread, gaps = cable_rows(model, at, self.cables, state)
-            tensions = self._tensions(state)
-            forces = forces + (spread.on_nodes.T @ tensions).reshape(-1, 3)
-            residual[at.first_border : at.size] = spread.on_border.T @ tensions
-            residual[at.size :] = gaps
+        if self.held:
+            actuators, multipliers = self.actuators, self._multipliers(state)
+            rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
+            forces = forces + (rows.on_nodes.T @ multipliers).reshape(-1, 3)
+            residual[at.first_reduced : at.size] = rows.on_reduced.T @ multipliers
+            residual[at.size :] = actuators.violations(model, state, state.joint_positions)
+            residual[at.size :] += actuators.compliance * multipliers
         residual[: at.size] += jacobian(model, at, state).T @ forces.ravel()
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 
-    def _stiffness(self, state: State, warped: bool = False) -> sp.csr_matrix:
-        """Exact tangent -df/dx on the nodes, shape (3 n, 3 n)."""
-        stiffness = node_stiffness(self.model, state, self.parameters.lame, warped)
-        if self.cables is not None:
-            stiffness = stiffness + cable_stiffness(self.model, self.cables, state, self._tensions(state))
-        return stiffness
+    def _stiffness(self, state: State, distant: bool = False) -> sp.csr_matrix:
+        """Tangent -df/dx of the cells on the nodes, exact or `distant`, shape (3 n, 3 n)."""
+        return node_stiffness(self.model, state, self.parameters, distant=distant)
 
-    def _tensions(self, state: State) -> Array:
-        """Tensions of the cables in [N], shape (c,)."""
-        return state.joint_efforts[self.cables.joint] if self.cables is not None else np.zeros(0)
+    def _geometric(self, state: State) -> GeometricStiffness:
+        """Geometric stiffness of the actuators."""
+        return self.actuators.geometric_stiffness(self.model, state, self._multipliers(state))
 
-    def _factors(self, state: State, forces: Array, fraction: float, warped: bool = False) -> Any:
+    def _multipliers(self, state: State) -> Array:
+        """Multipliers of the actuators, shape (c,)."""
+        return np.asarray(state.joint_efforts[self.actuators.joint])
+
+    def _factors(self, state: State, forces: Array, fraction: float, distant: bool = False) -> Any:
         """Factorised tangent of the residual on the unknowns that are solved for."""
         at = self.at
-        matrix = static_tangent(self.model, at, state, forces, self._stiffness(state, warped))
+        matrix = static_tangent(self.model, at, state, forces, self._stiffness(state, distant))
+        if self.held:
+            geometric = self._geometric(state)
+            across = rows_on_unknowns(self.model, at, state, geometric.rows).on_unknowns
+            matrix = matrix + across.T @ sp.diags(geometric.weight) @ across
         self.iterations += 1
         try:
-            factors = factorised(matrix[at.solved][:, at.solved])
-            if self.cables is None:
+            factors = self.matrices.factor(matrix[at.solved][:, at.solved])
+            if not self.held:
                 return factors
-            rows, _ = cable_rows(self.model, at, self.cables, state)
-            return CableFactors(factors, rows.on_unknowns[:, at.solved], self._bounds(fraction))
-        except RuntimeError:  # exactly singular
+            rows = rows_on_unknowns(self.model, at, state, self.actuators.rows(self.model, state))
+            return ActuatedFactors(
+                factors,
+                rows.on_unknowns[:, at.solved],
+                self.actuators.compliance,
+                self.actuators.bounds(self._targets(fraction)),
+            )
+        except FactorisationError:
             residual, _ = self._residual(state, fraction)
             raise self._failure(SINGULAR, fraction, residual) from None
 
     def _solve(self, factors: Any, residual: Array, state: State) -> Array:
         at, step = self.at, np.zeros(len(residual))
-        if self.cables is None:
+        if not self.held:
             step[at.solved] = factors.solve(residual[at.solved])
         else:
             step[at.solved], step[at.size :] = factors.solve(
-                residual[at.solved], residual[at.size :], self._tensions(state)
+                residual[at.solved], residual[at.size :], self._multipliers(state)
             )
         return step
-
-    def _bounds(self, fraction: float) -> tuple[Array, Array]:
-        """Bounds of the tensions in [N], shapes (c,)."""
-        assert self.cables is not None
-        return self.cables.bounds(self._targets(fraction))
 
     def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
         """Take the part of a Newton step after which the next one, with the same tangent, is shorter.
@@ -301,15 +330,14 @@ class _Problem:
     def _move(self, state: State, step: Array) -> None:
         """Add a step of all unknowns; rotations turn by the exponential."""
         at, model = self.at, self.model
-        state.positions[at.free] += step[: at.first_border].reshape(-1, 3)
+        state.positions[at.free] += step[: at.first_reduced].reshape(-1, 3)
         for f in range(len(model.frame_names)):
-            shift, turn = step[at.first_border + 6 * f :][:6].reshape(2, 3)
+            shift, turn = step[at.first_reduced + 6 * f :][:6].reshape(2, 3)
             state.frame_positions[f] += shift
             state.frame_rotations[f] = rotation_exp(turn) @ state.frame_rotations[f]
         state.joint_positions += step[at.joints]
-        if self.cables is not None:
-            state.joint_efforts[self.cables.joint] += step[at.size :]
-        model.place_zones(state)
+        state.joint_efforts[self.actuators.joint] += step[at.size :]
+        model.place_regions(state)
 
     def _size(self, step: Array) -> float:
         """Largest displacement of a step in [m]; NaN counts as endless."""
@@ -321,11 +349,6 @@ class _Problem:
 
     def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
         return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))
-
-
-def _positive(factors: Any) -> bool:
-    """Whether all pivots of a factorisation are positive: the equilibrium is stable."""
-    return bool((factors.U.diagonal() > 0.0).all()) and bool((factors.perm_r == factors.perm_c).all())
 
 
 def _copy(model: Model, state: State) -> State:

@@ -1,139 +1,154 @@
-"""The interface of a time step, shared by its two implementations."""
+"""The interface of a time step, and of the objects that answer questions about it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-import numpy as np
-
-from softsim_core.actuation.cable import Cables
+from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
-from softsim_core.dynamics.rows import Rows
+from softsim_core.dynamics.report import StepReport
+from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
-
-
-@dataclass(slots=True, eq=False)
-class Parameters:
-    """What a user may tune while the simulation runs.
-
-    Attributes:
-        lame: Lame parameters (lambda, mu) of each body in [Pa], shape (bodies, 2).
-        rayleigh_stiffness: Damping per stiffness in [s].
-        rayleigh_mass: Damping per mass in [1/s].
-    """
-
-    lame: Array
-    rayleigh_stiffness: float
-    rayleigh_mass: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Inputs:
-    """What acts during one step.
-
-    Attributes:
-        targets: Where each joint is commanded to be at the end of the step, in [rad] or [m], shape (j,).
-        forces: External forces on the nodes in [N], shape (n, 3).
-        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven:
-            their velocity stays zero, and the body feels the move from the next step on.
-    """
-
-    targets: Array
-    forces: Array
-    base_shift: float = 0.0
 
 
 class Stepper(Protocol):
     """One implicit Euler step, linearised once, with all frames and joints solved together with the nodes.
 
-    With h = dt, r_K and r_M the Rayleigh coefficients, K the (warped) stiffness:
+    With h = dt, r_K and r_M the Rayleigh coefficients, K the stiffness of the elements at x:
 
         A dv = b,   A = (1 + h r_M) M + h (h + r_K) K,   b = h (f - r_M M v - (h + r_K) K v)
         v+ = v + dv,   x+ = x + h v+
 
-    Cables hold in the same step: tensions t within their bounds add h H^T t to b, so that the travel at its
-    end, to first order, is the commanded one or a bound is reached.
+    K is the derivative of the forces, the negative eigenvalues of each element taken as zero: a robot comes
+    to rest where it is in equilibrium; see Material.positive_tangent. The forces of a law without potential
+    have no symmetric one; there K is what the law says, such as the stiffness with frozen element rotations.
+
+    Actuators hold in the same step: multipliers t within their bounds add h H^T t to b, so that at its end,
+    to first order, s - q + c t = 0 or a bound is reached; see actuation.actuator.
+
+    A stepper is planned for one model, whose pattern, order and places it keeps: so the model is no argument
+    of a step. Everything that changes is in the state, the control and the parameters; what a stepper holds
+    between two steps is room to work in.
 
     Source: Baraff and Witkin 1998.
 
     Attributes:
         name: Of the implementation.
-        model, cables: What moves.
-        stage_times: Times of the last step's stages in [ms].
+        compiled: Whether a step is compiled code.
+        model, actuators: What moves, and what moves it.
     """
 
     name: str
+    compiled: bool
     model: Model
-    cables: Cables
-    stage_times: dict[str, float]
+    actuators: Actuators
 
-    @property
-    def cable_gaps(self) -> Array:
-        """Travel beyond the commanded one in [m] that the last step left to first order, shape (c,)."""
-        ...
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """Advance `state` by one dt, in place; the caller decides by the report whether to keep it.
 
-    def step(self, state: State, inputs: Inputs, parameters: Parameters) -> float:
-        """Advance `state` by one dt, in place.
-
-        Returns:
-            The largest component of all new velocities, NaN if one is: the caller decides whether to keep the
-            state.
+        Raises:
+            ArrayError: a control for another model.
+            FactorisationError: the matrix of the step is singular; `state` is unchanged.
         """
         ...
 
-    def compliance(self, rows: Rows, before: State) -> Array:
-        """H A^-1 H^T of the matrix of the last step, prescribed joints held, in [1/kg], shape (c + r, c + r).
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """`step`, with what is needed to add forces on constraint rows to it.
 
-        Args:
-            rows: Constraint rows at the start of the step; H holds those of the c cables, then these.
-            before: The state at the start of the step.
-        """
-        ...
-
-    def correct(self, state: State, before: State, impulses: Array) -> float:
-        """Add to the last step what `impulses` [N s] on the rows of the last `compliance` do, in place.
-
-        Shape (c + r,); those of cables come on top of the tensions that the step found.
-
-        Returns:
+        Raises:
             As `step`.
         """
         ...
 
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+        """The exact static tangent at `state` under node forces (n, 3) in [N] beside weight and elasticity.
+
+        The compiled implementation takes that of the law `polar` for `qr`, too, as an approximation; and
+        for a state on its way that is not stable, the tangent with negative eigenvalues of elements taken
+        as zero.
+
+        Raises:
+            FactorisationError: it is singular with frames and joints held.
+        """
+        ...
+
     def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """Von Mises stress of each element in [Pa], shape (m,); elements of one rigid zone have none."""
+        """Von Mises stress of each element in [Pa], shape (m,); elements of one rigid region have none."""
         ...
 
-    def border_stiffness(self, state: State, parameters: Parameters, forces: Array) -> Array:
-        """Static stiffness of frames and joints, the free nodes following in equilibrium.
 
-        S = K_bb - K_bi K_ii^-1 K_ib of the exact static tangent at `state`, with the stiffness of the drives
-        and the turning of the loads (mass weight and `forces` (n, 3) in [N]) included; symmetric.
+class FreeMotion(Protocol):
+    """A step as if nothing touched, and what impulses on constraint rows add to it.
 
-        Returns:
-            Shape (b, b): [N/m], [N/rad], [N m/rad]; order as Model numbers the border unknowns.
+    It stands until its stepper computes something else: another step or a static tangent.
+
+    Attributes:
+        state: The state at the end of the step; `correct` writes into it.
+        before: The state at its start.
+        report: Of the step.
+        violations: Constraint violations s - q + c t of the actuators that the step left to first order,
+            shape (c,).
+    """
+
+    state: State
+    before: State
+    report: StepReport
+    violations: Array
+
+    def compliance(self, rows: Rows) -> Array:
+        """H A^-1 H^T of the step's matrix, prescribed joints held, in [1/kg], shape (c + r, c + r).
+
+        Args:
+            rows: Constraint rows at the start of the step; H holds those of the c actuators, then these.
+
+        Raises:
+            ArrayError: rows of other types or shapes.
         """
         ...
 
-    def border_response(
-        self, state: State, parameters: Parameters, forces: Array, rows: Rows
-    ) -> tuple[Array, Array, Array]:
-        """`border_stiffness` without cables, and what forces on rows H do beside it.
+    def correct(self, impulses: Array) -> StepReport:
+        """Make `state` the free motion plus what `impulses` [N s] on the rows of the last `compliance` do.
+
+        Shape (c + r,); those of actuators come on top of what the step found. It starts from the
+        free motion each time, whatever an earlier correction did. Rigid bodies are left as they are.
 
         Returns:
-            S (b, b) as `border_stiffness`; Z (b, r), the force that reaches the border a unit of each row's,
-            H_b^T - K_bi K_ii^-1 H_i^T; and W (r, r) in [m/N], H_i K_ii^-1 H_i^T with the border held.
+            What the corrected step tells; its times are those of the free motion.
         """
         ...
 
 
-def no_rows() -> Rows:
-    """No constraint rows."""
-    return Rows(np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
+class Condensed(NamedTuple):
+    """The static tangent with the free nodes eliminated, and what forces on rows H do beside it.
+
+    Attributes:
+        stiffness: S = K_bb - K_bi K_ii^-1 K_ib, symmetric, shape (b, b) in [N/m], [N/rad], [N m/rad]; order
+            as Model numbers the degrees of freedom of frames and joints.
+        arriving: Z = H_b^T - K_bi K_ii^-1 H_i^T, what reaches frames and joints a unit of each row's force,
+            shape (b, r).
+        compliance: W = H_i K_ii^-1 H_i^T with frames and joints held, in [m/N], shape (r, r).
+    """
+
+    stiffness: Array
+    arriving: Array
+    compliance: Array
 
 
-def joint_stiffness(model: Model) -> Array:
-    """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""
-    return np.array([joint.stiffness or 0.0 for joint in model.joints], dtype=float)
+class StaticTangent(Protocol):
+    """The exact static tangent of a model at a state.
+
+    The stiffness of drives and soft fixings and the turning of the loads on rigid regions are in it,
+    actuators are not. It stands until its stepper computes something else.
+
+    Attributes:
+        positive: Whether it is positive definite on the free nodes. Where it is not, an implementation that
+            needs it takes the negative eigenvalues of elements as zero.
+    """
+
+    positive: bool
+
+    def condensed(self, rows: Rows) -> Condensed:
+        """Eliminate the free nodes: they follow frames and joints in equilibrium."""
+        ...

@@ -36,7 +36,7 @@ COLUMNS = ("time", "x_reference", "x_command", "x_measure", "z_reference", "z_co
 
 @dataclass(frozen=True, slots=True)
 class TiltGains:
-    """Gains of the loop.
+    """Gains of the closed loop on tilts (`TiltController`).
 
     Attributes:
         proportional: kp in [-], >= 0.
@@ -62,7 +62,7 @@ class TiltGains:
 
 
 class TiltController:
-    """The loop's memory: an integral and the last output of each of two axes.
+    """A closed loop on tilts and its memory: an integral and the last output of each of two axes.
 
     Args:
         gains: May be replaced at any time; the integral stays.

@@ -20,16 +20,18 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, NotConvergedError, SolverDivergedError
 from softsim_core.inverse.damping import AdaptiveDamping
-from softsim_core.inverse.problem import QP, Limits, build
+from softsim_core.inverse.problem import QP, Limits, Linearisation, build
 from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.solver import Solution, need_daqp, solve
-from softsim_core.inverse.static import effector, place, residuals, sensitivity_of, start_shift
+from softsim_core.inverse.static import effector, place, residuals, sensitivity_of
 from softsim_core.inverse.tasks import Task, limited, task_for
 from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
-from softsim_core.scene.description import InverseSettings, SceneDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.simulation import Simulation
 from softsim_core.units import MILLIMETRE, degrees
 
 __all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]
@@ -67,6 +69,8 @@ class InverseReport:
         status: "idle" (no goal), "moving", "reached", "unreachable"; or why nothing moves: "infeasible",
             "not_converged" (the program), "diverged" (the model).
         kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
+        sensitivity_age: Ticks in a row, this one included, in which the sensitivity could not be computed and
+            the last one served instead (near a branch of equilibria there is none); 0: it is good.
         qp_ms, tick_ms: Time of the program (build, solve, check) and of the whole tick in [ms].
         sentence: The same for a person.
     """
@@ -81,6 +85,7 @@ class InverseReport:
     reachable: bool
     status: InverseStatus
     kkt_residual: float
+    sensitivity_age: int
     qp_ms: float
     tick_ms: float
     sentence: str
@@ -95,6 +100,7 @@ class InverseController:
         backend: Of the model's step, as in Simulation.
 
     Attributes:
+        robot: The robot.
         model: The model; look, do not touch.
         settings: What was given.
         limits: Joint limits of one tick.
@@ -105,25 +111,27 @@ class InverseController:
 
     def __init__(
         self,
-        scene: SceneDescription,
+        scene: SceneDescription | RobotDescription,
         settings: InverseSettings | None = None,
         backend: Literal["auto", "numba", "scipy"] | None = None,
     ) -> None:
         need_daqp()
-        self.scene = scene
-        self.settings = scene.inverse if settings is None else settings
-        bodies = tuple(replace(body, surface=None) for body in scene.bodies)
-        self.model = Simulation(replace(scene.robot_alone(), bodies=bodies), backend)
+        self.robot = as_robot(scene)
+        self.settings = self.robot.inverse if settings is None else settings
+        alone = self.robot.robot_alone()
+        bodies = tuple(replace(body, surface=None) for body in alone.scene.bodies)
+        self.model = Simulation(alone.with_scene(bodies=bodies), backend)
         self.model.enforce_limits = False  # this class keeps them
-        self.limits = Limits.of(scene, self.settings, scene.dt)
+        self.limits = Limits.of(self.robot.scene, self.settings, self.model.dt)
         self._posture = self._posture_from(self.model.joint_targets)
         self._sampled_at: Array | None = None
         self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
+        self._sensitivity_age = 0
         self._goal: Pose | None = None
         self._pose: Pose | None = None
         self._correction = np.zeros(6)
         self._useless = 0
-        self._damping = AdaptiveDamping(len(scene.joints), self.settings.lever)
+        self._damping = AdaptiveDamping(len(self.robot.joints), self.settings.lever)
 
     @property
     def period(self) -> float:
@@ -156,8 +164,11 @@ class InverseController:
             CommandError: wrong length or not finite; nothing is changed.
             SolverDivergedError: the model cannot get there.
         """
-        wanted = self.command if joints is None else np.asarray(joints, dtype=float)
-        shift = start_shift(self.scene) if base_shift is None else float(base_shift)
+        try:
+            wanted = self.command if joints is None else np.asarray(joints, dtype=float)
+        except (TypeError, ValueError):
+            raise CommandError("start refused: joints must be numbers; nothing was moved") from None
+        shift = self.robot.start_shift if base_shift is None else float(base_shift)
         if wanted.shape != self.command.shape or not np.isfinite(wanted).all() or not math.isfinite(shift):
             raise CommandError(
                 f"start at {wanted.tolist()} with bases at {shift} refused: expected {len(self.command)} "
@@ -175,8 +186,13 @@ class InverseController:
             CommandError: not finite, or no rotation; the goal stays what it was.
         """
         if goal is not None:
-            position = np.array(goal.position, dtype=float)
-            quaternion = np.array(goal.quaternion_xyzw, dtype=float)
+            try:
+                position = np.array(goal.position, dtype=float)
+                quaternion = np.array(goal.quaternion_xyzw, dtype=float)
+            except (TypeError, ValueError):
+                raise CommandError(
+                    "goal refused: position and quaternion must be arrays of numbers; the goal stays"
+                ) from None
             norm = float(np.linalg.norm(quaternion))
             if position.shape != (3,) or quaternion.shape != (4,) or not np.isfinite(position).all():
                 raise CommandError(
@@ -205,7 +221,9 @@ class InverseController:
         mismatch = self._learn(measured, before)
         solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
         task: Task | None = None
-        if self._goal is not None:
+        if self._goal is None:
+            self._sensitivity_age = 0
+        else:
             task = task_for(self._corrected(self._goal), self.settings)
             qp, qp_started = self._program(task, before)
             solution = solve(qp)
@@ -227,7 +245,7 @@ class InverseController:
             status = "diverged"
         return InverseReport(
             self.command, pose, *residual, *mismatch, solution.active, status != "unreachable", status,
-            solution.kkt_residual, qp_ms, 1e3 * (perf_counter() - started),
+            solution.kkt_residual, self._sensitivity_age, qp_ms, 1e3 * (perf_counter() - started),
             self._sentence(status, residual, mismatch, solution.active),
         )  # fmt: skip
 
@@ -238,24 +256,29 @@ class InverseController:
         self._sensitivity = self._renewed()
         begun = perf_counter()
         qp = build(
-            [task], self._sensitivity, pose, self.command, self.model.joint_efforts, self.limits,
-            self.settings, gain=self.settings.gain, posture=self._posture,
+            [task], Linearisation(self._sensitivity, pose, self.command, self.model.joint_efforts),
+            self.limits, self.settings, gain=self.settings.gain, posture=self._posture,
             damping=self._damping.at(self._sensitivity),
         )  # fmt: skip
         return qp, begun
 
     def _renewed(self) -> Sensitivity:
-        """The sensitivity now; where there is none (a branch of equilibria), the last one."""
+        """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older."""
+        sampled = self.settings.backend != "analytic"
+        last = self._sampled_at
+        if sampled and last is not None and np.abs(self.command - last).max() <= RESAMPLE:
+            return self._sensitivity
         try:
-            if self.settings.backend == "analytic":
-                fresh = sensitivity_of(self.model, self.settings)
-                return fresh if np.isfinite(fresh.effector).all() else self._sensitivity
-            if self._sampled_at is None or np.abs(self.command - self._sampled_at).max() > RESAMPLE:
-                self._sensitivity = sensitivity_of(self.model, self.settings)
-                self._sampled_at = self.command
+            fresh = sensitivity_of(self.model, self.settings)
         except (np.linalg.LinAlgError, NotConvergedError):
-            pass
-        return self._sensitivity
+            fresh = None
+        if fresh is None or not (np.isfinite(fresh.effector).all() and np.isfinite(fresh.effort).all()):
+            self._sensitivity_age += 1
+            return self._sensitivity
+        self._sensitivity_age = 0
+        if sampled:
+            self._sampled_at = self.command
+        return fresh
 
     def _advance(self, dq: Array) -> bool:
         """Step the model under the next command; False: it diverged, and the command stays."""
@@ -321,12 +344,13 @@ class InverseController:
 
     def _posture_from(self, joints: Array) -> Array:
         name = self.settings.posture
-        return joints.copy() if name is None else np.array(self.scene.poses[name])
+        return joints.copy() if name is None else np.array(self.robot.poses[name])
 
     def _forget(self) -> None:
         """Begin anew, at rest and without goal."""
         self._goal = None
         self._pose = None
+        self._sensitivity_age = 0
         self._useless = 0
         self._correction = np.zeros(6)
         self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
@@ -351,6 +375,9 @@ class InverseController:
             "not_converged": "the joint step could not be solved for, holding",
             "diverged": "the model diverged, holding; start again from the robot's joints",
         }[status]
+        if self._sensitivity_age and status != "idle":
+            ticks = f"{self._sensitivity_age} tick{'s' if self._sensitivity_age > 1 else ''}"
+            sentence += f"; the sensitivity is {ticks} old, as none exists at this pose"
         if self.settings.feedback_gain == 0.0 and any(mismatch):
             return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
         return sentence

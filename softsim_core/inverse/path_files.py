@@ -21,7 +21,7 @@ SUFFIXES = (".json", ".csv")
 
 
 def read_path(file: str | PathLike[str], start: ArrayLike) -> EffectorPath:
-    """Read a path.
+    """An effector path from a file: a maze plan or timed poses.
 
     Args:
         file: A maze plan (.json), or timed poses (.csv); a path, or the name of a file in `configs/paths`.

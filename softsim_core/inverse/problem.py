@@ -20,10 +20,28 @@ from softsim_core.arrays import Array, BoolArray
 from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.tasks import Task, limited
 from softsim_core.mechanics.pose import Pose
-from softsim_core.scene.description import InverseSettings, SceneDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import SceneDescription
 
 FLOOR = 1e-12
 """Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex."""
+
+
+class Linearisation(NamedTuple):
+    """The robot as one program sees it.
+
+    Attributes:
+        sensitivity: Derivatives at the current state.
+        pose: Of the effector.
+        joints: Commanded joints q in [rad] or [m], shape (j,). Where one is outside its interval, the bounds
+            lead it back at its speed.
+        efforts: Joint efforts tau in [N m] or [N], shape (j,).
+    """
+
+    sensitivity: Sensitivity
+    pose: Pose
+    joints: Array
+    efforts: Array
 
 
 class Constraint(NamedTuple):
@@ -92,10 +110,7 @@ class Limits:
 
 def build(
     tasks: Sequence[Task],
-    sensitivity: Sensitivity,
-    current: Pose,
-    joints: Array,
-    efforts: Array,
+    robot: Linearisation,
     limits: Limits,
     settings: InverseSettings,
     *,
@@ -108,11 +123,7 @@ def build(
 
     Args:
         tasks: What the effector should do.
-        sensitivity: Derivatives at the current state.
-        current: Pose of the effector.
-        joints: Commanded joints q in [rad] or [m], shape (j,). Where one is outside its interval, the bounds
-            lead it back at its speed.
-        efforts: Joint efforts tau in [N m] or [N], shape (j,).
+        robot: Where it is, and how it answers.
         limits: Of the joints.
         settings: Weights and limits of the target.
         gain: Share of the error to take away.
@@ -120,6 +131,7 @@ def build(
         damping: c in [m^2/rad^2] or [-], >= 0.
         constraints: Further rows.
     """
+    sensitivity, current, joints, efforts = robot
     size = len(joints)
     P, q = np.zeros((size, size)), np.zeros(size)
     for task in tasks:

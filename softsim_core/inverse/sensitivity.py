@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
+from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
-from softsim_core.dynamics.stepper import joint_stiffness
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.pose import rotation_log
+from softsim_core.simulation import Simulation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,10 +38,14 @@ class Sensitivity:
 def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None = None) -> Sensitivity:
     """Sensitivity effector = -S_ff^-1 S_fj, effort = S_jj - S_jf S_ff^-1 S_fj, at rest or moving.
 
+    Exact for the law `polar`. For `qr` the compiled step takes the derivative of `polar` at the same state:
+    near enough to steer by with the `qr` model in the loop. `sampled_sensitivity` and statics take `qr`
+    itself.
+
     Args:
         simulation: With at least one joint and an end effector.
-        contact_stiffness: What contacts that hold now add to the border stiffness, shape (b, b), in the order
-            of Simulation.border_stiffness; None: none.
+        contact_stiffness: What contacts that hold now add to the stiffness of the reduced coordinates, shape
+            (b, b), in the order of Simulation.reduced_stiffness; None: none.
 
     Raises:
         SceneError: no end effector.
@@ -49,7 +53,7 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
     """
     first = 6 * _effector_index(simulation)
     model = simulation.model
-    stiffness = simulation.border_stiffness()
+    stiffness = simulation.reduced_stiffness()
     if contact_stiffness is not None:
         stiffness = stiffness + contact_stiffness
     frames = 6 * len(model.frame_names)
@@ -59,7 +63,7 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
         raise np.linalg.LinAlgError("the effector has no stiffness here")
     effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
     if len(model.compliant_joints):
-        drive = joint_stiffness(model)
+        drive = drive_stiffness(model)
         moved = np.linalg.solve(*_driven(effort, drive))
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
     return Sensitivity(follow[first : first + 6], effort)

@@ -16,14 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import NotConvergedError, SolverDivergedError
-from softsim_core.inverse.problem import Limits, build
+from softsim_core.inverse.problem import Limits, Linearisation, build
 from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.inverse.solver import Solution, solve
 from softsim_core.inverse.tasks import Task
 from softsim_core.mechanics.pose import Pose
-from softsim_core.scene.description import InverseSettings, SceneDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.simulation import Simulation
 
 MOST_STEPS = 10
 """Quadratic programs of one search, unless told otherwise."""
@@ -80,7 +82,7 @@ class PoseSolution:
 
 
 def solve_pose(
-    model: SceneDescription | Simulation,
+    model: SceneDescription | RobotDescription | Simulation,
     tasks: Task | Sequence[Task],
     start: Array | None = None,
     settings: InverseSettings | None = None,
@@ -102,13 +104,14 @@ def solve_pose(
         SceneError: no end effector or no joints.
         NotConvergedError: the start has no equilibrium.
     """
-    if isinstance(model, SceneDescription):
-        simulation = Simulation(model.robot_alone())
-        simulation.settle(start_joints(model), start_shift(model))
-    else:
+    if isinstance(model, Simulation):
         simulation = model
+    else:
+        robot = as_robot(model)
+        simulation = Simulation(robot.robot_alone())
+        simulation.settle(robot.start_joints, robot.start_shift)
     scene = simulation.scene
-    settings = scene.inverse if settings is None else settings
+    settings = simulation.robot.inverse if settings is None else settings
     goals = list(tasks) if isinstance(tasks, Sequence) else [tasks]
     limits = Limits.of(scene, settings, 1.0)
     span = limits.upper - limits.lower
@@ -125,14 +128,12 @@ def _search(
     wide = replace(settings, max_shift=1e3, max_turn=1e3)  # the step is limited, not the target
     joints = posture = simulation.joint_targets
     if settings.posture is not None:
-        posture = np.array(simulation.scene.poses[settings.posture])
+        posture = np.array(simulation.robot.poses[settings.posture])
     reach, done, solution = limits, 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
     sensitivity, before = sensitivity_of(simulation, settings), _length(tasks, effector(simulation))
     while done < most_steps:
-        qp = build(
-            tasks, sensitivity, effector(simulation), joints, simulation.joint_efforts, reach, wide,
-            posture=posture,
-        )  # fmt: skip
+        here = Linearisation(sensitivity, effector(simulation), joints, simulation.joint_efforts)
+        qp = build(tasks, here, reach, wide, posture=posture)
         solution, done = solve(qp), done + 1
         step = float(np.abs(solution.dq).max(initial=0.0))
         if solution.status != "solved" or step == 0.0:
@@ -149,14 +150,14 @@ def _search(
         if step <= STILL:
             break
         sensitivity = sensitivity_of(simulation, settings)
-    if simulation.backend == "numba":
+    if simulation.compiled:
         _settles(simulation, joints)
     return _result(simulation, tasks, settings, joints, done, solution)
 
 
 def _goes(simulation: Simulation, joints: Array) -> bool:
     """Go to the equilibrium at given joints the quickest way; False: there is none."""
-    if simulation.backend != "numba":
+    if not simulation.compiled:
         return _settles(simulation, joints)
     try:
         walk(simulation, joints, simulation.base_shift)
@@ -216,18 +217,6 @@ def sensitivity_of(simulation: Simulation, settings: InverseSettings) -> Sensiti
     """Derivatives by the back end that the settings name."""
     of = analytic_sensitivity if settings.backend == "analytic" else sampled_sensitivity
     return of(simulation)
-
-
-def start_joints(scene: SceneDescription) -> Array:
-    """Joints in [rad] or [m] at which the scene's start move ends; without one, rest; shape (j,)."""
-    if scene.start is not None:
-        return np.array(scene.poses[scene.start.pose])
-    return np.array([joint.rest for joint in scene.joints], dtype=float)
-
-
-def start_shift(scene: SceneDescription) -> float:
-    """Base shift in [m] at which the scene's start move ends; without one, 0."""
-    return 0.0 if scene.start is None else scene.start.base_shift
 
 
 def place(simulation: Simulation, joints: Array, base_shift: float) -> None:

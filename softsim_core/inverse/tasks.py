@@ -14,7 +14,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import Pose, cross_matrix, rotation_log, rotation_of
-from softsim_core.scene.description import InverseSettings
+from softsim_core.scene.control import InverseSettings
 
 UP = np.array([0.0, 0.0, 1.0])
 SMALL = 1e-4
@@ -116,26 +116,33 @@ class HeightTiltTask:
 
     def error(self, current: Pose) -> Array:
         """See Task."""
-        axis, _, quotient, _ = self._turn(current)
-        return np.array([self.height - current.position[2], quotient * axis[0], quotient * axis[1]])
+        turn, _ = self._turn(current)
+        return np.array([self.height - current.position[2], turn[0], turn[1]])
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """See Task: with a = n x g and c = n . g, e = f(c) a, f = angle / sine, and dn = spin x n."""
-        axis, normal, quotient, slope = self._turn(current)
-        moved = -cross_matrix(normal)  # dn by the spin
-        turn = -quotient * cross_matrix(self.normal) @ moved + slope * np.outer(axis, self.normal @ moved)
-        return np.concatenate([effector[2:3], -turn[:2] @ effector[3:]])
+        """See Task."""
+        _, by_spin = self._turn(current)
+        return np.concatenate([effector[2:3], -by_spin[:2] @ effector[3:]])
 
-    def _turn(self, current: Pose) -> tuple[Array, Array, float, float]:
-        """Cross product n x g, n, angle / sine and its derivative by the cosine."""
+    def _turn(self, current: Pose) -> tuple[Array, Array]:
+        """The shortest rotation vector (3,) from n to the goal g, and its derivative by the spin (3, 3).
+
+        With a = n x g and c = n . g it is f(c) a, f = angle / sine, and dn = spin x n. Upside down every
+        direction is the shortest: one about a horizontal axis is taken, and turning back shortens it.
+        """
         normal, goal = rotation_of(current.quaternion_xyzw)[:, 2], self.normal
         axis = np.cross(normal, goal)
         sine, cosine = float(np.linalg.norm(axis)), float(normal @ goal)
         angle = float(np.arctan2(sine, cosine))
+        if angle > np.pi - SMALL:
+            return angle * _horizontal_across(goal), -np.eye(3)
         if angle < SMALL:
-            return axis, normal, 1.0 + angle**2 / 6.0, -1.0 / 3.0
-        sine = max(sine, SMALL)  # upside down every direction is the shortest
-        return axis, normal, angle / sine, (angle * cosine - sine) / sine**3
+            quotient, slope = 1.0 + angle**2 / 6.0, -1.0 / 3.0
+        else:
+            quotient, slope = angle / sine, (angle * cosine - sine) / sine**3
+        moved = -cross_matrix(normal)  # dn by the spin
+        by_spin = -quotient * cross_matrix(goal) @ moved + slope * np.outer(axis, goal @ moved)
+        return quotient * axis, by_spin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,8 +187,17 @@ def tilt_of(quaternion_xyzw: Array) -> tuple[float, float]:
     """Rotation vector (x, y) in [rad] of the shortest rotation of the upright axis to a frame's z axis."""
     normal = rotation_of(quaternion_xyzw)[:, 2]
     sine = float(np.hypot(normal[0], normal[1]))
-    ratio = float(np.arctan2(sine, normal[2])) / sine if sine > 0.0 else 1.0
+    if sine == 0.0:  # upright, or upside down about any axis: about x
+        return (0.0 if normal[2] > 0.0 else float(np.pi)), 0.0
+    ratio = float(np.arctan2(sine, normal[2])) / sine
     return -ratio * float(normal[1]), ratio * float(normal[0])
+
+
+def _horizontal_across(normal: Array) -> Array:
+    """A horizontal unit vector across a normal (3,), shape (3,)."""
+    across = np.cross(UP, normal)
+    length = float(np.linalg.norm(across))
+    return np.asarray(across / length) if length > SMALL else np.array([1.0, 0.0, 0.0])
 
 
 def limited(error: Array, angular: Sequence[bool], max_shift: float, max_turn: float) -> Array:

@@ -11,13 +11,13 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.stats import qmc
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import NotConvergedError, SceneError, listing
 from softsim_core.inverse.sensitivity import analytic_sensitivity
-from softsim_core.inverse.static import start_joints, start_shift
 from softsim_core.inverse.tilts import tilts_of
 from softsim_core.mechanics.pose import rotation_of
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.simulation import Simulation
 
 MOST_CORNERS = 64
 """All corners of the joint box are sampled when there are no more than these."""
@@ -97,7 +97,7 @@ class Workspace:
 
 
 def sample_workspace(
-    scene: SceneDescription,
+    scene: SceneDescription | RobotDescription,
     samples: int = 200,
     base_shift: float | None = None,
     progress: Progress | None = None,
@@ -113,9 +113,10 @@ def sample_workspace(
     Raises:
         SceneError: no joints, no effector, a joint without limits, too few samples, or no equilibrium at all.
     """
-    shift = start_shift(scene) if base_shift is None else base_shift
-    targets = _in_short_steps(_spread(scene, samples), start_joints(scene))
-    simulation = Simulation(scene.robot_alone())
+    robot = as_robot(scene)
+    shift = robot.start_shift if base_shift is None else base_shift
+    targets = _in_short_steps(_spread(robot.scene, samples), np.array(robot.start_joints))
+    simulation = Simulation(robot.robot_alone())
     rows: list[tuple[Array, ...]] = []
     failed: list[Array] = []
     for done, joints in enumerate(targets, start=1):
@@ -129,10 +130,10 @@ def sample_workspace(
             progress(done, len(targets))
     if not rows:
         raise SceneError(
-            f"{scene.name}: no equilibrium at any of {samples} joint positions; check its limits"
+            f"{robot.name}: no equilibrium at any of {samples} joint positions; check its limits"
         )
     at, positions, quaternions, tilts, gains = (np.array(column) for column in zip(*rows, strict=True))
-    missing = np.array(failed).reshape(-1, len(scene.joints))
+    missing = np.array(failed).reshape(-1, len(robot.joints))
     return Workspace(shift, at, positions, quaternions, tilts, gains, missing)
 
 

@@ -1,34 +1,37 @@
 """The mechanical model: a scene compiled to arrays, and its generalised coordinates.
 
-Nodes are free (three unknowns each) or belong to a rigid zone that is held still, moves with a joint, or is a
-free rigid frame. Frames and joints are the *border*: few unknowns beside the sparse interior. Each border
-unknown is a screw: at the point x it moves the body by `angular x (x - origin) + linear` a unit of its
-velocity.
+Nodes are free (three unknowns each) or belong to a rigid region that is fixed, moves with a joint, or is a
+free rigid frame. The degrees of freedom of frames and joints are the *reduced coordinates*: few, beside the
+sparse interior. Each has a motion subspace: at the point x a unit of its velocity moves the body by
+`angular x (x - origin) + linear`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.fem.tetrahedra import Tetrahedra
+from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials import Material
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import cross_matrix, rotation_exp
 from softsim_core.mechanics.rigid import RigidBodies
 from softsim_core.mechanics.state import State
 
-FREE, HELD = -1, -2
-"""Zone numbers of nodes that are free, and of nodes that are held still."""
+FREE, FIXED = -1, -2
+"""Region numbers of nodes that are free, and of nodes that are fixed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
     """A joint compiled: base frame, axis and law; see JointDescription for units.
 
-    `parent` is the index of the joint that carries the base, or -1. A cable's joint moves no frame:
-    its position is the travel of the cable.
+    `base_position` is where the base begins; where it is now, in [m], is in State.base_positions.
+    `parent` is the index of the joint that carries the base, or -1. The joint of an actuator moves no frame:
+    its position is the actuator's coordinate.
     """
 
     name: str
@@ -42,32 +45,32 @@ class Joint:
     stiffness: float | None
     inertia: float
     parent: int = -1
-    cable: bool = False
+    moves_frame: bool = True
 
-    def frame(self, position: float, base_shift: float) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the frame that the joint moves."""
-        origin = self.base_origin(base_shift)
+    def frame(self, position: float, base: Array, base_shift: float) -> tuple[Array, Array]:
+        """Origin (3,) and rotation (3, 3) of the frame that the joint moves; `base` as in `base_origin`."""
+        origin = self.base_origin(base, base_shift)
         if self.revolute:
             return origin, self.base_rotation @ rotation_exp(position * self.axis)
         return origin + self.base_rotation @ (position * self.axis), self.base_rotation
 
-    def base_origin(self, base_shift: float) -> Array:
-        """Origin (3,) in [m] of the base frame, shifted by `base_shift` [m] along the slide axis."""
-        return self.base_position + base_shift * (self.base_rotation @ self.slide_axis)
+    def base_origin(self, base: Array, base_shift: float) -> Array:
+        """Origin (3,) in [m] of a base at `base` (3,), shifted by `base_shift` [m] along the slide axis."""
+        return base + base_shift * (self.base_rotation @ self.slide_axis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Zone:
-    """A rigid zone: nodes that follow a frame.
+class RigidRegion:
+    """A rigid region: nodes that follow a frame.
 
     Attributes:
         name: Name of the attachment.
-        frame: Index of the free frame, or -1 when a joint moves the zone.
-        joint: Index of the joint, or -1 when the zone is a free frame.
+        frame: Index of the free frame, or -1 when a joint moves the region.
+        joint: Index of the joint, or -1 when the region is a free frame.
         nodes: Node indices, shape (k,).
         local: Node positions in the frame in [m], shape (k, 3).
-        border: Indices of the border unknowns that move it: six of a frame, or a joint's behind those of the
-            joints that carry it.
+        reduced: Indices of the reduced coordinates that move it: six of a frame, or a joint's behind those of
+            the joints that carry it.
     """
 
     name: str
@@ -75,7 +78,7 @@ class Zone:
     joint: int
     nodes: IndexArray
     local: Array
-    border: IndexArray
+    reduced: IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,46 +87,44 @@ class Model:
 
     Attributes:
         rest: Rest positions in [m], shape (n, 3).
-        elements: Tetrahedra of all bodies.
-        element_body: Index of each element's body, shape (m,).
+        groups: The cells of all bodies, one group for each pair of element and material law.
         mass: Lumped node masses in [kg], shape (n,).
         spring: Stiffness in [N/m] that pulls a node to its rest position (soft fixings), shape (n,).
         gravity: Gravity in [m/s^2], shape (3,).
         dt: Time step in [s].
-        law: Rotation law of the elements, "polar" or "qr".
-        zone_of_node: Zone of each node, or FREE, or HELD, shape (n,).
-        zones: Rigid zones that move.
-        frame_names: Names of the free frames; frame f owns the border unknowns 6 f .. 6 f + 5 (velocity, then
-            spin).
+        region_of_node: RigidRegion of each node, or FREE, or FIXED, shape (n,).
+        regions: Rigid regions that move.
+        frame_names: Names of the free frames; frame f owns the reduced coordinates 6 f .. 6 f + 5 (velocity,
+            then spin).
         frame_rest: Rest origins in [m] (f, 3) and rotations (f, 3, 3) of the free frames.
-        joints: Joints; joint j owns the border unknown 6 len(frame_names) + j.
+        joints: Joints; joint j owns the reduced coordinate 6 len(frame_names) + j.
         rigid: Rigid bodies with mass; they meet the rest in contacts only.
+        extra_state: Shapes of what State.extra holds, by name.
     """
 
     rest: Array
-    elements: Tetrahedra
-    element_body: IndexArray
+    groups: tuple[ElementGroup, ...]
     mass: Array
     spring: Array
     gravity: Array
     dt: float
-    law: str
-    zone_of_node: IndexArray
-    zones: tuple[Zone, ...]
+    region_of_node: IndexArray
+    regions: tuple[RigidRegion, ...]
     frame_names: tuple[str, ...]
     frame_rest: tuple[Array, Array]
     joints: tuple[Joint, ...]
     rigid: RigidBodies
+    extra_state: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
-    def border_size(self) -> int:
-        """Number of border unknowns: six a free frame, one a joint."""
+    def reduced_size(self) -> int:
+        """Number of reduced coordinates: six a free frame, one per joint."""
         return 6 * len(self.frame_names) + len(self.joints)
 
     @property
     def free_nodes(self) -> IndexArray:
         """Indices of the free nodes, ascending."""
-        return np.flatnonzero(self.zone_of_node == FREE)
+        return np.flatnonzero(self.region_of_node == FREE)
 
     @property
     def compliant_joints(self) -> IndexArray:
@@ -132,20 +133,27 @@ class Model:
             [j for j, joint in enumerate(self.joints) if joint.stiffness is not None], dtype=np.int64
         )
 
+    def law(self, body: int) -> Material:
+        """The material law of a body."""
+        return next(group.material for group in self.groups if (group.body == body).any())
+
     def rest_state(self) -> State:
         """The state at which the scene is built: everything at rest, joints at their rest positions."""
         state = self.empty_state()
         state.positions[:] = self.rest
         state.frame_positions[:], state.frame_rotations[:] = self.frame_rest
         state.joint_positions[:] = [joint.rest for joint in self.joints]
+        state.base_positions[:] = np.array([joint.base_position for joint in self.joints]).reshape(-1, 3)
         state.rigid_positions[:] = self.rigid.rest_positions
         state.rigid_rotations[:] = self.rigid.rest_rotations
-        self.place_zones(state)
+        state.rigid_velocities[:] = self.rigid.rest_velocities
+        self.place_regions(state)
         return state
 
     def empty_state(self) -> State:
         """A state of the right shape, all zeros."""
-        return State(len(self.rest), len(self.frame_names), len(self.joints), len(self.rigid.names))
+        frames, rigid = len(self.frame_names), len(self.rigid.names)
+        return State(len(self.rest), frames, len(self.joints), rigid, self.extra_state)
 
     def chain(self, joint: int) -> list[int]:
         """A joint behind the joints that carry it, the outermost first."""
@@ -157,12 +165,12 @@ class Model:
     def joint_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
         position, shift = float(state.joint_positions[j]), float(state.base_shift[0])
-        return self._carried(j, state, *self.joints[j].frame(position, shift))
+        return self._carried(j, state, *self.joints[j].frame(position, state.base_positions[j], shift))
 
     def base_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Origin (3,) and rotation (3, 3) of the base of joint j."""
-        joint = self.joints[j]
-        return self._carried(j, state, joint.base_origin(float(state.base_shift[0])), joint.base_rotation)
+        joint, shift = self.joints[j], float(state.base_shift[0])
+        return self._carried(j, state, joint.base_origin(state.base_positions[j], shift), joint.base_rotation)
 
     def _carried(self, j: int, state: State, origin: Array, rotation: Array) -> tuple[Array, Array]:
         """Where a frame is now that is at `origin` (3,), `rotation` (3, 3) while joint j's parent rests."""
@@ -170,36 +178,40 @@ class Model:
         if parent < 0:
             return origin, rotation
         joint = self.joints[parent]
-        rest_origin, rest_rotation = joint.frame(joint.rest, float(state.base_shift[0]))
+        base, shift = state.base_positions[parent], float(state.base_shift[0])
+        rest_origin, rest_rotation = joint.frame(joint.rest, base, shift)
         now_origin, now_rotation = self.joint_frame(parent, state)
         turn = now_rotation @ rest_rotation.T
         return now_origin + turn @ (origin - rest_origin), turn @ rotation
 
-    def zone_frame(self, zone: Zone, state: State) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the frame a zone follows."""
-        if zone.frame >= 0:
-            return state.frame_positions[zone.frame], state.frame_rotations[zone.frame]
-        return self.joint_frame(zone.joint, state)
+    def region_frame(self, region: RigidRegion, state: State) -> tuple[Array, Array]:
+        """Origin (3,) and rotation (3, 3) of the frame a region follows."""
+        if region.frame >= 0:
+            return state.frame_positions[region.frame], state.frame_rotations[region.frame]
+        return self.joint_frame(region.joint, state)
 
-    def place_zones(self, state: State) -> None:
-        """Move the nodes of all zones, and their velocities, to where frames and joints say."""
-        screws = self.screws(state)
-        for zone in self.zones:
-            origin, rotation = self.zone_frame(zone, state)
-            points = origin + zone.local @ rotation.T
-            state.positions[zone.nodes] = points
-            state.velocities[zone.nodes] = sum(
+    def place_regions(self, state: State) -> None:
+        """Move the nodes of all regions, and their velocities, to where frames and joints say."""
+        motion_subspace = self.motion_subspace(state)
+        for region in self.regions:
+            origin, rotation = self.region_frame(region, state)
+            points = origin + region.local @ rotation.T
+            state.positions[region.nodes] = points
+            state.velocities[region.nodes] = sum(
                 (
-                    (np.cross(screws.angular[k], points - screws.origin[k]) + screws.linear[k])
-                    * state.border_velocities[k]
-                    for k in zone.border
+                    (
+                        np.cross(motion_subspace.angular[k], points - motion_subspace.origin[k])
+                        + motion_subspace.linear[k]
+                    )
+                    * state.reduced_velocities[k]
+                    for k in region.reduced
                 ),
                 np.zeros_like(points),
             )
 
-    def screws(self, state: State) -> Screws:
-        """The screw of every border unknown at a state."""
-        size, frames = self.border_size, len(self.frame_names)
+    def motion_subspace(self, state: State) -> MotionSubspace:
+        """The motion of every reduced coordinate at a state."""
+        size, frames = self.reduced_size, len(self.frame_names)
         angular, linear, origin = np.zeros((size, 3)), np.zeros((size, 3)), np.zeros((size, 3))
         for f in range(frames):
             linear[6 * f : 6 * f + 3] = np.eye(3)
@@ -207,15 +219,15 @@ class Model:
             origin[6 * f : 6 * f + 6] = state.frame_positions[f]
         for j, joint in enumerate(self.joints):
             k = 6 * frames + j
-            if joint.cable:
+            if not joint.moves_frame:
                 continue
             origin[k], rotation = self.base_frame(j, state)
             (angular if joint.revolute else linear)[k] = rotation @ joint.axis
-        return Screws(angular, linear, origin)
+        return MotionSubspace(angular, linear, origin)
 
-    def advance_border(self, state: State, velocities: Array) -> None:
-        """Move frames and joints for one step at the border velocities (exact exponential for rotations)."""
-        state.border_velocities[:] = velocities
+    def advance_reduced(self, state: State, velocities: Array) -> None:
+        """Move frames and joints for one step at the reduced velocities (exact exponential for rotations)."""
+        state.reduced_velocities[:] = velocities
         for f in range(len(self.frame_names)):
             state.frame_positions[f] += self.dt * velocities[6 * f : 6 * f + 3]
             turn = rotation_exp(self.dt * velocities[6 * f + 3 : 6 * f + 6])
@@ -224,13 +236,13 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Screws:
-    """Screws of the border unknowns: angular (b, 3), linear (b, 3), origin (b, 3) in [m]; see the module."""
+class MotionSubspace:
+    """Of the reduced coordinates: angular (b, 3), linear (b, 3), origin (b, 3) in [m]; see the module."""
 
     angular: Array
     linear: Array
     origin: Array
 
     def jacobian(self, k: int, points: Array) -> Array:
-        """Velocity of `points` (p, 3) a unit velocity of border unknown k, shape (p, 3)."""
+        """Velocity of `points` (p, 3) a unit velocity of reduced coordinate k, shape (p, 3)."""
         return np.asarray((points - self.origin[k]) @ cross_matrix(self.angular[k]).T + self.linear[k])

@@ -1,115 +1,146 @@
-"""What changes in time: positions, velocities, frames, joints. Bytes out, the same bytes in."""
+"""Everything that changes in time, by name: positions, velocities, frames, joints, bases, warm starts."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.errors import SnapshotError
+from softsim_core.arrays import Array, float_array
 
-MEMORY = 4
-"""Numbers in a row of State.memory: what touches (as a number), and the force in three directions in [N]."""
+WARM_START_COLUMNS = 4
+"""Numbers in a row of State.warm_start: what touches (a number), and its force in three directions in [N]."""
 
 
 class State:
-    """State of a simulation: views of one buffer, changed in place.
+    """State of a simulation: named views of one buffer, changed in place.
+
+    Assigning to an attribute copies into the buffer, with the shape and type that are there.
 
     Args:
         nodes, frames, joints, rigid: How many there are.
+        extra: Shapes of further arrays by name, see `extra`.
 
     Attributes:
-        buffer: All numbers, shape (s,).
-        positions: Node positions in [m], shape (n, 3); nodes of zones follow frames and joints.
+        buffer: All numbers but the warm start, shape (s,).
+        positions: Node positions in [m], shape (n, 3); nodes of regions follow frames and joints.
         velocities: Node velocities in [m/s], shape (n, 3).
         frame_positions: Origins of the free frames in [m], shape (f, 3).
         frame_rotations: Rotations of the free frames, shape (f, 3, 3).
-        border_velocities: Velocity and spin of the free frames, then joint velocities, shape (6 f + j,).
+        reduced_velocities: Velocity and spin of the free frames, then joint velocities, shape (6 f + j,).
         joint_positions: Joint positions in [rad] or [m], shape (j,).
         joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape
-            (j,).
+            (j,); an actuator's is its multiplier, such as a tension.
+        base_positions: Origins of the joint bases in [m] while their parents rest, without the shift, shape
+            (j, 3).
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).
         rigid_positions: Centres of mass of the rigid bodies in [m], shape (r, 3).
         rigid_rotations: Their rotations, shape (r, 3, 3).
         rigid_velocities: Their velocity in [m/s] and spin in [rad/s], world axes, shape (r, 6).
-        memory: What the contact solver starts from: the forces of the last step; see dynamics.contacts. Not
-            in the buffer.
+        extra: What a scene keeps beside, such as the history of a material, by name.
+        warm_start: What the contact solver starts from: the forces of the last step, shape (k, 4); replaced
+            as a whole by each step. Not in the buffer.
     """
 
     __slots__ = (
+        "base_positions",
         "base_shift",
-        "border_velocities",
         "buffer",
+        "extra",
         "frame_positions",
         "frame_rotations",
         "joint_efforts",
         "joint_positions",
-        "memory",
         "positions",
+        "reduced_velocities",
         "rigid_positions",
         "rigid_rotations",
         "rigid_velocities",
         "velocities",
+        "warm_start",
     )
 
-    def __init__(self, nodes: int, frames: int, joints: int, rigid: int = 0) -> None:
+    def __init__(
+        self,
+        nodes: int,
+        frames: int,
+        joints: int,
+        rigid: int = 0,
+        extra: Mapping[str, tuple[int, ...]] | None = None,
+    ) -> None:
         shapes: dict[str, tuple[int, ...]] = {
             "positions": (nodes, 3),
             "velocities": (nodes, 3),
             "frame_positions": (frames, 3),
             "frame_rotations": (frames, 3, 3),
-            "border_velocities": (6 * frames + joints,),
+            "reduced_velocities": (6 * frames + joints,),
             "joint_positions": (joints,),
             "joint_efforts": (joints,),
+            "base_positions": (joints, 3),
             "base_shift": (1,),
             "rigid_positions": (rigid, 3),
             "rigid_rotations": (rigid, 3, 3),
             "rigid_velocities": (rigid, 6),
         }
-        ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
-        self.buffer: Array = np.zeros(ends[-1])
-        views = np.split(self.buffer, ends[:-1])
-        for (name, shape), view in zip(shapes.items(), views, strict=True):
-            setattr(self, name, view.reshape(shape))
-        self.memory: Array = np.zeros((0, MEMORY))
+        own, further = len(shapes), list((extra or {}).items())
+        named = [*shapes.items(), *further]
+        ends = np.cumsum([int(np.prod(shape)) for _, shape in named])
+        buffer = np.zeros(ends[-1])
+        views = [
+            view.reshape(shape) for (_, shape), view in zip(named, np.split(buffer, ends[:-1]), strict=True)
+        ]
+        place = object.__setattr__
+        place(self, "buffer", buffer)
+        for name, view in zip(shapes, views[:own], strict=True):
+            place(self, name, view)
+        place(self, "extra", {name: view for (name, _), view in zip(further, views[own:], strict=True)})
+        place(self, "warm_start", no_warm_start())
 
+    buffer: Array
     positions: Array
     velocities: Array
     frame_positions: Array
     frame_rotations: Array
-    border_velocities: Array
+    reduced_velocities: Array
     joint_positions: Array
     joint_efforts: Array
+    base_positions: Array
     base_shift: Array
     rigid_positions: Array
     rigid_rotations: Array
     rigid_velocities: Array
+    extra: dict[str, Array]
+    warm_start: Array
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "warm_start":
+            object.__setattr__(self, name, float_array(value, (-1, WARM_START_COLUMNS), "warm_start"))
+        elif name == "extra":
+            raise AttributeError("State.extra cannot be replaced; write into its arrays")
+        else:
+            getattr(self, name)[...] = value
 
     def copy_from(self, other: State) -> None:
         """Take over the values of a state of the same scene, in place."""
         np.copyto(self.buffer, other.buffer)
-        self.memory = other.memory
+        object.__setattr__(self, "warm_start", other.warm_start)
+
+    def arrays(self) -> dict[str, Array]:
+        """All of it by name: the views themselves, `extra.NAME` for what a scene keeps beside."""
+        own = {
+            name: getattr(self, name) for name in sorted(self.__slots__) if name not in ("buffer", "extra")
+        }
+        return {**own, **{f"extra.{name}": array for name, array in self.extra.items()}}
+
+    def take(self, arrays: Mapping[str, Array]) -> None:
+        """Take over what `arrays` gave, or another state of the same scene."""
+        for name, array in arrays.items():
+            if name.startswith("extra."):
+                self.extra[name.removeprefix("extra.")][...] = array
+            else:
+                setattr(self, name, array)
 
 
-def pack(header: bytes, arrays: list[Array]) -> bytes:
-    """Bytes of arrays behind a header; equal arrays give equal bytes."""
-    return header + b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
-
-
-def unpack(data: bytes, header: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """The arrays of `shapes` from bytes of `pack` with the same header.
-
-    Raises:
-        SnapshotError: another header or length, or a value that is not finite.
-    """
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    if shapes and -1 in shapes[-1]:  # the last array is as long as what is left
-        row = -sizes[-1]
-        sizes[-1] = (len(data) - len(header)) // 8 - sum(sizes[:-1])
-        sizes[-1] -= sizes[-1] % row
-    if data[: len(header)] != header or len(data) != len(header) + 8 * sum(sizes):
-        raise SnapshotError("not a snapshot of this scene: take a new one with the scene that is running")
-    values = np.frombuffer(data, dtype="<f8", offset=len(header)).astype(float)
-    if not np.isfinite(values).all():
-        raise SnapshotError("the snapshot holds a value that is not finite; take a new one")
-    parts = np.split(values, np.cumsum(sizes)[:-1])
-    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+def no_warm_start() -> Array:
+    """State.warm_start when nothing touches."""
+    return np.zeros((0, WARM_START_COLUMNS))

@@ -1,6 +1,6 @@
 """Meshes: types, readers, checks, surfaces, embedding, and generators of our own robots.
 
-`softsim_core.mesh.tripod_mesh` makes the Tripod's silicone; meshio is imported only when a file needs it.
+`softsim_core.robots.tripod_mesh` makes the Tripod's silicone; meshio is imported only when a file needs it.
 """
 
 from softsim_core.mesh.checks import MeshReport, check_tets

@@ -29,22 +29,6 @@ class Embedding:
     nodes: IndexArray
     outside: Array
 
-    def apply(self, node_positions: Array) -> Array:
-        """Positions of the points, shape (p, 3), for node positions (n, 3)."""
-        return np.asarray(np.einsum("pk,pki->pi", self.weights, node_positions[self.nodes]))
-
-    def interpolate(self, node_values: Array) -> Array:
-        """Values at the points, shape (p,), of values at the nodes, shape (n,)."""
-        return np.asarray(np.einsum("pk,pk->p", self.weights, node_values[self.nodes]))
-
-    def spread(self, forces: Array, node_count: int) -> Array:
-        """Forces on the nodes, shape (node_count, 3), of forces on the points (p, 3): `apply` transposed."""
-        shares = self.weights[:, :, None] * forces[:, None, :]
-        flat = self.nodes.reshape(-1)
-        return np.column_stack(
-            [np.bincount(flat, shares[:, :, axis].reshape(-1), minlength=node_count) for axis in range(3)]
-        )
-
 
 def embed(points: Array, mesh: TetMesh) -> Embedding:
     """Bind points to the tetrahedron that contains them; outside, to the one with the nearest centre.

@@ -4,21 +4,49 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import MeshError
+from softsim_core.errors import MeshError, SceneError
 from softsim_core.mesh.readers import read_surface
 from softsim_core.mesh.surface import enclosed_volume, is_closed
 from softsim_core.mesh.types import SurfaceMesh
-
-if TYPE_CHECKING:
-    from softsim_core.scene.objects import Shape
+from softsim_core.values import FieldError, MeshFile, Vector
 
 _SEGMENTS = 32
 _REFINEMENTS = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """The surface of a rigid body, in its own frame, centred on the origin; exactly one field is given.
+
+    Attributes:
+        sphere: Radius in [m]; collides as an exact sphere.
+        box: Edge lengths along x, y, z in [m].
+        cylinder: Radius and height (along z) in [m].
+        plane: Edge lengths along x and y in [m] of a rectangle that looks to +z.
+        mesh: A closed surface; with mass, its frame's origin is moved to the centre of mass.
+    """
+
+    sphere: float | None = None
+    box: Vector | None = None
+    cylinder: tuple[float, float] | None = None
+    plane: tuple[float, float] | None = None
+    mesh: MeshFile | None = None
+
+    def __post_init__(self) -> None:
+        given = [
+            each for each in (self.sphere, self.box, self.cylinder, self.plane, self.mesh) if each is not None
+        ]
+        if len(given) != 1:
+            raise SceneError("shape: give exactly one of sphere, box, cylinder, plane and mesh")
+        sizes = given[0] if isinstance(given[0], tuple) else (given[0],)
+        for size in sizes:
+            if isinstance(size, (int, float)) and not 0.0 < size < math.inf:
+                raise FieldError("shape", "size", size, "> 0 m")
 
 
 def surface_of(shape: Shape) -> SurfaceMesh:

@@ -9,7 +9,7 @@ from softsim_core.arrays import Array, IndexArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TetMesh:
-    """Linear tetrahedra.
+    """A mesh of linear tetrahedra.
 
     Attributes:
         points: Node positions in [m], shape (n, 3).
@@ -24,7 +24,7 @@ class TetMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:
-    """Triangles, outward where closed.
+    """A mesh of triangles, outward where closed.
 
     Attributes:
         points: Vertex positions in [m], shape (n, 3).

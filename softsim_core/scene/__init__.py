@@ -9,11 +9,13 @@ from typing import Any
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.files import Kind, find_config, known_scenes
 from softsim_core.scene.python_loader import load_python
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.scene import Part, Scene
 from softsim_core.scene.yaml_loader import load_yaml
 
 __all__ = [
     "Part",
+    "RobotDescription",
     "Scene",
     "SceneDescription",
     "find_config",
@@ -26,7 +28,7 @@ __all__ = [
 
 def load_scene(
     name_or_path: str | PathLike[str], overrides: Mapping[str, Any] | None = None, kind: Kind | None = None
-) -> SceneDescription:
+) -> RobotDescription:
     """A robot or scene, from a YAML file or from a Python file with `create_scene(scene)`.
 
     Args:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softsim_core.errors import SceneError
-from softsim_core.scene.values import FieldError, need_positive
+from softsim_core.values import FieldError, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,19 +37,21 @@ class ServoCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardDescription:
-    """The serial board that drives the servos: header byte, then one degree byte a servo.
+    """The serial board that drives the servos.
 
     Attributes:
         servos: Calibrations in packet order.
         baud_rate: Bits a second.
-        header: First byte of a packet; servo bytes never reach it.
+        header: First byte of a packet of degree bytes; servo bytes never reach it.
         rate: Packets a second in [Hz].
+        protocol: Name of the protocol that it speaks; auto: the bridge finds out.
     """
 
     servos: tuple[ServoCalibration, ...]
     baud_rate: int = 115200
     header: int = 255
     rate: float = 50.0
+    protocol: str = "auto"
 
     def __post_init__(self) -> None:
         if not self.baud_rate > 0:

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.actuation.cable import Cables
+from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.dynamics.stepper import Parameters
 from softsim_core.errors import SceneError
-from softsim_core.fem.material import LinearMaterial
-from softsim_core.fem.tetrahedra import rest_tetrahedra
-from softsim_core.mechanics.model import FREE, HELD, Joint, Model, Zone
+from softsim_core.fem.elements import element
+from softsim_core.fem.group import ElementGroup, element_group
+from softsim_core.fem.locking import locking_warning
+from softsim_core.fem.mass import volume_shares
+from softsim_core.mechanics.control import Parameters
+from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import (
-    Embedding,
     SurfaceMesh,
     TetMesh,
     boundary,
@@ -25,31 +26,15 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.scene.cable_builder import cables
-from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
+from softsim_core.scene.actuator_builder import actuators
+from softsim_core.scene.body import Body
+from softsim_core.scene.description import (
+    AttachmentDescription,
+    JointDescription,
+    SceneDescription,
+)
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Body:
-    """A body within the model: its nodes and elements are contiguous.
-
-    Attributes:
-        name: Name of the body.
-        nodes: Slice of the model's nodes.
-        mesh: Its tetrahedra, with its own node numbers.
-        boundary: Boundary triangles with the model's node numbers, shape (k, 3).
-        surface: Visual surface at rest.
-        embedding: How the visual surface follows the body's nodes.
-    """
-
-    name: str
-    nodes: slice
-    mesh: TetMesh
-    boundary: IndexArray
-    surface: SurfaceMesh
-    embedding: Embedding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +45,7 @@ class BuiltScene:
     parameters: Parameters
     bodies: tuple[Body, ...]
     rigid: tuple[RigidBody, ...]
-    cables: Cables | None
+    actuators: Actuators
 
 
 def build(scene: SceneDescription) -> BuiltScene:
@@ -69,52 +54,37 @@ def build(scene: SceneDescription) -> BuiltScene:
     Raises:
         SceneError: names or regions do not fit together.
         MeshError: a mesh cannot be used.
-        MaterialError: a material value is outside its interval.
     """
     bodies = _bodies(scene)
     rest = np.concatenate([body.mesh.points for body in bodies]) if bodies else np.zeros((0, 3))
-    tets = [body.mesh.tets + body.nodes.start for body in bodies]
     joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
-    zone_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
+    region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
     frames = [attachment for attachment in scene.attachments if attachment.to == "free"]
     frame_rest = (
         np.array([attachment.frame.translation for attachment in frames], dtype=float).reshape(-1, 3),
         np.array([_rotation(attachment.frame.rotation_deg) for attachment in frames]).reshape(-1, 3, 3),
     )
+    groups = _groups(scene, bodies, rest)
     model = Model(
         rest=rest,
-        elements=rest_tetrahedra(rest, np.concatenate([np.zeros((0, 4), np.int64), *tets])),
-        element_body=np.repeat(np.arange(len(bodies)), [len(body.mesh.tets) for body in bodies]),
-        mass=np.concatenate(
-            [np.zeros(0)]
-            + [
-                np.full(len(body.mesh.points), description.total_mass / len(body.mesh.points))
-                for body, description in zip(bodies, scene.bodies, strict=True)
-            ]
-        ),
+        groups=groups,
+        mass=_masses(scene, bodies, groups),
         spring=spring,
         gravity=np.array(scene.gravity, dtype=float),
         dt=scene.dt,
-        law=scene.solver.rotation,
-        zone_of_node=zone_of_node,
-        zones=_zones(moving, scene, joints, frame_rest, zone_of_node, rest),
+        region_of_node=region_of_node,
+        regions=_regions(moving, scene, joints, frame_rest, region_of_node, rest),
         frame_names=tuple(attachment.name for attachment in frames),
         frame_rest=frame_rest,
         joints=joints,
         rigid=rigid_bodies(scene),
     )
     parameters = Parameters(
-        lame=np.array(
-            [
-                LinearMaterial(body.material.young_modulus, body.material.poisson_ratio).lame
-                for body in scene.bodies
-            ],
-            dtype=float,
-        ).reshape(-1, 2),
+        materials=[dict(body.material.values) for body in scene.bodies],
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
-    return BuiltScene(model, parameters, bodies, rigid_objects(scene), cables(scene, model, bodies))
+    return BuiltScene(model, parameters, bodies, rigid_objects(scene), actuators(scene, model, bodies))
 
 
 def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
@@ -138,6 +108,51 @@ def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
     return tuple(bodies)
 
 
+def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]) -> Array:
+    """Masses of all nodes in [kg], shape (n,)."""
+    count = bodies[-1].nodes.stop if bodies else 0
+    shares = sum((volume_shares(group, count) for group in groups), np.zeros(count))
+    mass = np.zeros(count)
+    for body, description in zip(bodies, scene.bodies, strict=True):
+        own = shares[body.nodes]
+        total = description.total_mass
+        if total is None:
+            assert description.density is not None  # checked by the description
+            total = description.density * float(own.sum())
+        if description.mass_distribution == "equal":
+            mass[body.nodes] = total / len(own)
+        else:
+            mass[body.nodes] = total / own.sum() * own
+    return mass
+
+
+def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> tuple[ElementGroup, ...]:
+    """The cells of all bodies, one group for each pair of element and law that occurs."""
+    ends = np.cumsum([len(body.mesh.tets) for body in bodies])
+    members: dict[tuple[str, str], list[int]] = {}
+    for b, description in enumerate(scene.bodies):
+        cell, law = element(description.element), description.material.law_for(scene.solver.rotation)
+        nodes = bodies[b].mesh.tets.shape[1]
+        if len(cell.reference) != nodes:
+            raise SceneError(
+                f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "
+                f"cells of its mesh have {nodes}; choose another element or mesh"
+            )
+        if sentence := locking_warning(cell, description.material.values):
+            warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
+        members.setdefault((cell.name, law.name), []).append(b)
+    groups = []
+    for (cell_name, _), inside in members.items():
+        cells = [bodies[b].mesh.tets + bodies[b].nodes.start for b in inside]
+        numbers = [np.arange(ends[b] - len(bodies[b].mesh.tets), ends[b]) for b in inside]
+        body = np.repeat(inside, [len(each) for each in cells])
+        law = scene.bodies[inside[0]].material.law_for(scene.solver.rotation)
+        groups.append(
+            element_group(element(cell_name), law, rest, np.concatenate(cells), body, np.concatenate(numbers))
+        )
+    return tuple(groups)
+
+
 def _rotation(rotation_deg: tuple[float, float, float]) -> Array:
     return rotation_euler(np.radians(rotation_deg))
 
@@ -155,15 +170,15 @@ def _joint(joint: JointDescription, names: tuple[str, ...]) -> Joint:
         stiffness=joint.stiffness,
         inertia=joint.inertia,
         parent=-1 if joint.parent is None else names.index(joint.parent),
-        cable=joint.kind == "cable",
+        moves_frame=joint.moves_frame,
     )
 
 
 def _assign_nodes(
     scene: SceneDescription, bodies: tuple[Body, ...], joints: tuple[Joint, ...], rest: Array
 ) -> tuple[IndexArray, Array, list[AttachmentDescription]]:
-    """Zone number and fixing spring of each node, and the attachments that move, in zone order."""
-    zone_of_node = np.full(len(rest), FREE, dtype=np.int64)
+    """RigidRegion number and fixing spring of each node, and the attachments that move, in region order."""
+    region_of_node = np.full(len(rest), FREE, dtype=np.int64)
     spring = np.zeros(len(rest))
     owner: dict[int, str] = {}
     moving: list[AttachmentDescription] = []
@@ -192,29 +207,29 @@ def _assign_nodes(
             )
         owner.update(dict.fromkeys(nodes.tolist(), attachment.name))
         if attachment.to == "world":
-            zone_of_node[nodes] = HELD
+            region_of_node[nodes] = FIXED
         else:
-            zone_of_node[nodes] = len(moving)
+            region_of_node[nodes] = len(moving)
             moving.append(attachment)
-    return zone_of_node, spring, moving
+    return region_of_node, spring, moving
 
 
-def _zones(
+def _regions(
     moving: list[AttachmentDescription],
     scene: SceneDescription,
     joints: tuple[Joint, ...],
     frame_rest: tuple[Array, Array],
-    zone_of_node: IndexArray,
+    region_of_node: IndexArray,
     rest: Array,
-) -> tuple[Zone, ...]:
+) -> tuple[RigidRegion, ...]:
     frames = [attachment.name for attachment in moving if attachment.to == "free"]
-    zones = []
+    regions = []
     for number, attachment in enumerate(moving):
-        nodes = np.flatnonzero(zone_of_node == number)
+        nodes = np.flatnonzero(region_of_node == number)
         if attachment.to == "free":
             f, j = frames.index(attachment.name), -1
             origin, rotation = frame_rest[0][f], frame_rest[1][f]
-            border = 6 * f + np.arange(6)
+            reduced = 6 * f + np.arange(6)
             if np.linalg.matrix_rank(rest[nodes] - rest[nodes].mean(axis=0), tol=1e-9) < 2:
                 raise SceneError(
                     f"attachment {attachment.name}: the {len(nodes)} nodes of a free frame lie on one line, "
@@ -222,10 +237,10 @@ def _zones(
                 )
         else:
             f, j = -1, scene.joint_names.index(attachment.to)
-            origin, rotation = joints[j].frame(joints[j].rest, 0.0)
+            origin, rotation = joints[j].frame(joints[j].rest, joints[j].base_position, 0.0)
             chain = [j]
             while joints[chain[0]].parent >= 0:
                 chain.insert(0, joints[chain[0]].parent)
-            border = 6 * len(frames) + np.array(chain)
-        zones.append(Zone(attachment.name, f, j, nodes, (rest[nodes] - origin) @ rotation, border))
-    return tuple(zones)
+            reduced = 6 * len(frames) + np.array(chain)
+        regions.append(RigidRegion(attachment.name, f, j, nodes, (rest[nodes] - origin) @ rotation, reduced))
+    return tuple(regions)

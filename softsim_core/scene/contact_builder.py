@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.collision_model import Carrier, CollisionModel
 from softsim_core.contact.overlap import TOUCH, first_overlap
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
-from softsim_core.dynamics.contacts import Carrier, Contacts
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FREE, Model
 from softsim_core.mesh import SurfaceMesh, embed, read_surface
+from softsim_core.scene.body import Body
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.objects import CollisionDescription
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.rigid_builder import RigidBody
 
-if TYPE_CHECKING:
-    from softsim_core.scene.builder import Body
-
 
 def contacts(
     scene: SceneDescription, model: Model, bodies: tuple[Body, ...], rigid: tuple[RigidBody, ...]
-) -> Contacts | None:
+) -> CollisionModel | None:
     """The collision surfaces of a scene, or None where no two can meet.
 
     Raises:
@@ -44,7 +41,7 @@ def contacts(
         if soft:
             body = bodies[owner]
             surface, bound_nodes, bound_weights = _on_body(description, body)
-            moving = bool((model.zone_of_node[body.nodes] == FREE).any())
+            moving = bool((model.region_of_node[body.nodes] == FREE).any())
         else:
             thing = rigid[owner - len(bodies)]
             surface = _chosen(description, thing.surface)
@@ -76,16 +73,35 @@ def contacts(
         first += size
     if not any(may_meet(a, b) for k, a in enumerate(surfaces) for b in surfaces[:k]):
         return None
-    result = Contacts(
+    result = CollisionModel(
         tuple(surfaces),
         scene.contact,
         np.concatenate(nodes),
         np.concatenate(weights),
         tuple(carriers),
         model,
+        _friction(scene),
+        scene.body_names,
     )
     _check_start(result, model, scene)
     return result
+
+
+def _friction(scene: SceneDescription) -> Array:
+    """Coulomb coefficient of each pair of collision surfaces, shape (s, s).
+
+    Of several entries that fit a pair, the last one counts.
+    """
+    settings, collisions = scene.contact, scene.collisions
+    friction = np.full((len(collisions),) * 2, settings.friction)
+    for entry in settings.friction_pairs:
+        one, other = (
+            [k for k, each in enumerate(collisions) if name in (each.name, each.body)]
+            for name in entry.between
+        )
+        friction[np.ix_(one, other)] = entry.friction
+        friction[np.ix_(other, one)] = entry.friction
+    return friction
 
 
 def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
@@ -137,10 +153,10 @@ def _carrier(
     return Carrier(vertices, local, base=scene.joint_names.index(thing.on.removesuffix("_base")))
 
 
-def _check_start(contacts: Contacts, model: Model, scene: SceneDescription) -> None:
+def _check_start(contacts: CollisionModel, model: Model, scene: SceneDescription) -> None:
     """Refuse a scene whose bodies overlap before the first step."""
     state = model.rest_state()
-    points = contacts.points(model, state)
+    points = contacts.points(state)
     near = contacts.near(points, scene.contact.alarm_distance)
     worst = int(np.argmin(near.distance)) if len(near.distance) else -1
     if worst >= 0 and near.distance[worst] < -TOUCH:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from softsim_core.errors import SceneError
-from softsim_core.scene.values import FieldError, Vector, need_finite, need_positive
+from softsim_core.values import FieldError, Vector, need_finite, need_positive
 
 EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
 Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]

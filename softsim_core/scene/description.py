@@ -6,31 +6,20 @@ Angles of placements are in degrees in fields named `*_deg` (people write them);
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.dynamics import Backend
 from softsim_core.errors import SceneError, listing
+from softsim_core.linalg.solvers import AUTO, linear_solver_names
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.control import (
-    Action,
-    CommandSettings,
-    EffectorTask,
-    InverseSettings,
-    KeyBinding,
-    StartAnimation,
-)
-from softsim_core.scene.objects import (
-    CableDescription,
-    CollisionDescription,
-    ContactSettings,
-    RigidBodyDescription,
-)
-from softsim_core.scene.values import (
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import (
     Box,
     FieldError,
     MeshFile,
@@ -41,48 +30,9 @@ from softsim_core.scene.values import (
     need_positive,
     need_unit,
 )
-from softsim_core.scene.view import ViewSettings
 
-if TYPE_CHECKING:
-    from softsim_core.dynamics.simulation import Simulation
-
-__all__ = [
-    "Action",
-    "AttachmentDescription",
-    "Backend",
-    "BoardDescription",
-    "BodyDescription",
-    "CommandSettings",
-    "Controller",
-    "EffectorTask",
-    "InverseSettings",
-    "JointDescription",
-    "KeyBinding",
-    "MaterialDescription",
-    "RotationLaw",
-    "SceneDescription",
-    "ServoCalibration",
-    "SolverSettings",
-    "StartAnimation",
-]
-
-Backend: TypeAlias = Literal["auto", "numba", "scipy"]
 RotationLaw: TypeAlias = Literal["polar", "qr"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MaterialDescription:
-    """Isotropic linear elasticity: Young modulus in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5)."""
-
-    young_modulus: float
-    poisson_ratio: float
-
-    def __post_init__(self) -> None:
-        need_positive("material", "young_modulus", self.young_modulus, "Pa")
-        if not -1.0 < self.poisson_ratio < 0.5:
-            raise FieldError(
-                "material", "poisson_ratio", self.poisson_ratio, "between -1 and 0.5 (both excluded)"
-            )
+MassDistribution: TypeAlias = Literal["volume", "equal"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,21 +42,41 @@ class BodyDescription:
     Attributes:
         name: Unique name.
         mesh: Tetrahedra: a file, or arrays in [m].
-        material: Elastic law.
-        total_mass: Mass in [kg], > 0, spread equally over the nodes.
+        material: Law and parameters.
+        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`.
+        total_mass: Mass in [kg], > 0; or give `density`.
+        mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
+            nodes. "equal": every node has the same, as in the reference simulator, which makes the inertia
+            of coarse meshes much too large.
+        velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
-        colour: Red, green, blue, alpha in 0..1.
+        colour: Red, green, blue, alpha in 0..1, for pictures only.
+        element: Name of the element that its cells are, see fem.elements; as many nodes as the mesh's cells.
     """
 
     name: str
     mesh: MeshFile | TetMesh
     material: MaterialDescription
-    total_mass: float
+    density: float | None = None
+    total_mass: float | None = None
+    mass_distribution: MassDistribution = "volume"
+    velocity: Vector = (0.0, 0.0, 0.0)
     surface: MeshFile | None = None
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
+    element: str = "tet4"
 
     def __post_init__(self) -> None:
-        need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
+        need_finite(f"body {self.name}", "velocity", self.velocity)
+        if (self.density is None) == (self.total_mass is None):
+            given = "neither" if self.density is None else "both"
+            raise SceneError(
+                f"body {self.name}: give exactly one of `density` in kg/m^3 and `total_mass` in kg, "
+                f"not {given}"
+            )
+        if self.density is not None:
+            need_positive(f"body {self.name}", "density", self.density, "kg/m^3")
+        if self.total_mass is not None:
+            need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
         if not all(0.0 <= channel <= 1.0 for channel in self.colour):
             raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
 
@@ -117,8 +87,10 @@ class JointDescription:
 
     Attributes:
         name: Unique name; the order of joints in the scene is the order of commands.
-        kind: revolute ([rad] about `axis`), prismatic ([m] along `axis`) or cable ([m] of travel).
-        cable: What a joint of kind cable pulls; it has no frame and no axis.
+        kind: revolute ([rad] about `axis`), prismatic ([m] along `axis`), or the name of a kind of actuator,
+            such as cable ([m] by which it is shortened).
+        actuator: The description of that actuator, in files under the key named after its kind; its joint has
+            no frame and no axis.
         parent: Name of a joint before it in the list that carries this joint's base. On a revolute one a
             joint can carry rigid bodies only.
         base: Base frame in the world, the parent at rest (its scale is not used).
@@ -133,8 +105,8 @@ class JointDescription:
     """
 
     name: str
-    kind: Literal["revolute", "prismatic", "cable"] = "revolute"
-    cable: CableDescription | None = None
+    kind: str = "revolute"
+    actuator: ActuatorDescription | None = None
     parent: str | None = None
     base: Placement = Placement()
     axis: Vector = (0.0, 1.0, 0.0)
@@ -155,10 +127,29 @@ class JointDescription:
         for field_name, value in (("inertia", self.inertia), ("horn_length", self.horn_length)):
             if not 0.0 <= value < math.inf:
                 raise FieldError(owner, field_name, value, ">= 0")
-        if (self.kind == "cable") != (self.cable is not None):
-            raise SceneError(f"{owner}: `cable` and kind = cable belong together; give both or neither")
-        if self.kind == "cable" and (self.stiffness is not None or self.parent is not None):
-            raise SceneError(f"{owner}: a cable takes no stiffness and no parent; remove them")
+        if self.moves_frame and self.actuator is not None:
+            kind = self.actuator.kind
+            raise SceneError(f"{owner}: `{kind}` and kind = {kind} belong together; give both or neither")
+        if not self.moves_frame:
+            self._check_actuator(owner)
+
+    def _check_actuator(self, owner: str) -> None:
+        described = described_kinds()
+        if self.kind not in described:
+            raise FieldError(owner, "kind", repr(self.kind), f"one of {listing((*FRAME_KINDS, *described))}")
+        if not isinstance(self.actuator, described[self.kind]):
+            raise SceneError(
+                f"{owner}: `{self.kind}` and kind = {self.kind} belong together; give both or neither"
+            )
+        if self.stiffness is not None or self.parent is not None:
+            raise SceneError(
+                f"{owner}: a joint of kind {self.kind} takes no stiffness and no parent; remove them"
+            )
+
+    @property
+    def moves_frame(self) -> bool:
+        """Whether it is a revolute or a prismatic joint, not an actuator's."""
+        return self.kind in FRAME_KINDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,17 +184,21 @@ class AttachmentDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """Numerics: rotation law of the elements, implementation of the step, Rayleigh damping.
+    """Numerics: law of bodies that name none, implementation of the step, Rayleigh damping.
 
     Attributes:
-        rotation: "polar" (symmetric, survives inversion) or "qr" (parity with the reference simulator).
+        rotation: Law of bodies whose material names none: "polar" is corotational (survives inversion), "qr"
+            is corotational_qr (parity with the reference simulator).
         backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
+        linear_solver: Name of what solves the linear systems of step and statics, see linalg.solvers; "auto"
+            leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
     """
 
     rotation: RotationLaw = "polar"
     backend: Backend = "auto"
+    linear_solver: str = AUTO
     rayleigh_stiffness: float = 0.0
     rayleigh_mass: float = 0.0
 
@@ -214,28 +209,27 @@ class SolverSettings:
         ):
             if not 0.0 <= value < math.inf:
                 raise FieldError("solver", name, value, f">= 0 {unit}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Controller:
-    """A user's own code in the loop; each hook is optional and gets the running Simulation.
-
-    Attributes:
-        on_begin: Called before every step.
-        on_end: Called after every step.
-        on_key: Called with the name of a pressed key ("up", "a") that the scene's own bindings have seen too.
-    """
-
-    on_begin: Callable[[Simulation], None] | None = None
-    on_end: Callable[[Simulation], None] | None = None
-    on_key: Callable[[Simulation, str], None] | None = None
+        known = (AUTO, *linear_solver_names())
+        if self.linear_solver not in known:
+            raise FieldError("solver", "linear_solver", self.linear_solver, f"one of {listing(known)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """A whole scene or robot; see the fields' types.
+    """What is simulated: bodies, what holds and moves them, what they touch; see the fields' types.
 
-    `controllers` come from Python scenes only; `source` is the file it came from, for messages.
+    Attributes:
+        name: What messages call it.
+        dt: Time step in [s], > 0.
+        gravity: In [m/s^2].
+        solver: Numerics.
+        bodies: Deformable bodies.
+        joints: Degrees of freedom that are driven, in command order.
+        attachments: Regions of bodies that move rigidly.
+        rigid_bodies: Rigid bodies, free and carried.
+        collisions: Surfaces that touch others.
+        contact: How contact is found and solved.
+        effector: Name of the free attachment whose pose is the end effector's; None: there is none.
     """
 
     name: str
@@ -249,20 +243,8 @@ class SceneDescription:
     collisions: tuple[CollisionDescription, ...] = ()
     contact: ContactSettings = ContactSettings()
     effector: str | None = None
-    poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    commands: CommandSettings = CommandSettings()
-    start: StartAnimation | None = None
-    keys: dict[str, KeyBinding] = field(default_factory=dict)
-    board: BoardDescription | None = None
-    inverse: InverseSettings = InverseSettings()
-    view: ViewSettings = ViewSettings()
-    controllers: tuple[Controller, ...] = ()
-    source: Path | None = None
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", str(self.name)):
-            allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
-            raise FieldError("scene", "name", repr(self.name), allowed)
         need_positive(f"scene {self.name}", "dt", self.dt, "s")
         need_finite(f"scene {self.name}", "gravity", self.gravity)
         for kind, names in (
@@ -286,19 +268,9 @@ class SceneDescription:
         """Names of the deformable bodies, then of the rigid ones."""
         return (*(body.name for body in self.bodies), *(body.name for body in self.rigid_bodies))
 
-    @property
-    def shown_parts(self) -> tuple[str, ...]:
-        """Everything that can be hidden by itself, as KIND/NAME, such as "bodies/silicone"."""
-        kinds = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
-        return tuple(f"{kind}/{part.name}" for kind in kinds for part in getattr(self, kind))
-
-    def robot_alone(self) -> SceneDescription:
-        """The scene without what it touches, without user code and start move: a model to plan with."""
-        return replace(self, rigid_bodies=(), collisions=(), controllers=(), start=None, view=ViewSettings())
-
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
-        frames = [joint.name for joint in self.joints if joint.kind != "cable"]
+        frames = [joint.name for joint in self.joints if joint.moves_frame]
         free = [attachment.name for attachment in self.attachments if attachment.to == "free"]
 
         def known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
@@ -308,7 +280,7 @@ class SceneDescription:
         hinges = {joint.name for joint in self.joints if joint.kind == "revolute"}
         hinged: set[str] = set()
         for j, each in enumerate(self.joints):
-            what = f"parent of joint {each.name} (a joint before it that is no cable)"
+            what = f"parent of joint {each.name} (a revolute or prismatic joint before it)"
             known(what, each.parent, [name for name in frames if name in joints[:j]])
             if each.parent in hinges | hinged:
                 hinged.add(each.name)
@@ -326,30 +298,18 @@ class SceneDescription:
             known_soft("attachment target", attachment.to, ("world", "free", *frames))
             known("joint", attachment.relative_to, frames)
         for each in self.joints:
-            if each.cable is not None:
-                known(f"body of cable {each.name}", each.cable.body, bodies)
-                known_soft(f"pull_on of cable {each.name}", each.cable.pull_on, frames)
+            if each.actuator is not None:
+                for field_name, name in each.actuator.bodies().items():
+                    known(f"{field_name} of {each.kind} {each.name}", name, bodies)
+                for field_name, name in each.actuator.carriers().items():
+                    known_soft(f"{field_name} of {each.kind} {each.name}", name, frames)
         for rigid in self.rigid_bodies:
             carriers = ("world", *free, *frames, *(f"{name}_base" for name in frames))
             known(f"carrier of rigid body {rigid.name}", rigid.on, carriers)
         for collision in self.collisions:
             known(f"body of collision {collision.name}", collision.body, self.body_names)
+        touching = [*self.body_names, *(collision.name for collision in self.collisions)]
+        for entry in self.contact.friction_pairs:
+            for name in entry.between:
+                known("collision surface or body of contact.friction_pairs", name, touching)
         known("effector (an attachment with to = free)", self.effector, free)
-        for pose, values in self.poses.items():
-            if len(values) != len(joints):
-                raise SceneError(
-                    f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints"
-                )
-            need_finite(f"scene {self.name}", f"poses.{pose}", values)
-        if self.start is not None:
-            known("pose", self.start.pose, tuple(self.poses))
-        known("pose", self.inverse.posture, tuple(self.poses))
-        for part in self.view.hidden:
-            known("part to hide", part, self.shown_parts)
-        for binding in self.keys.values():
-            known("pose", binding.pose, tuple(self.poses))
-            for joint in binding.joints:
-                known("joint", joint, joints)
-        if self.board is not None:
-            for servo in self.board.servos:
-                known("joint", servo.joint, joints)

@@ -14,13 +14,14 @@ from types import ModuleType
 from typing import Any
 
 from softsim_core.errors import ConfigError, SceneError, SoftSimError
-from softsim_core.scene.description import Controller, SceneDescription
+from softsim_core.scene.moved import new_place
+from softsim_core.scene.robot import Controller, RobotDescription
 from softsim_core.scene.scene import Scene
 from softsim_core.scene.structure import sourced, structure_scene, unstructure_scene
 from softsim_core.scene.yaml_source import merge
 
 
-def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) -> SceneDescription:
+def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
     """The scene that a Python file builds.
 
     Args:
@@ -98,8 +99,7 @@ def _errors_of(path: Path) -> Iterator[None]:
     except SceneError as error:
         raise ConfigError(path, _line_of(error, path), str(error)) from error
     except (Exception, SystemExit) as error:
-        text = str(error) or "no message"
-        raise ConfigError(path, _line_of(error, path), f"{type(error).__name__}: {text}") from error
+        raise ConfigError(path, _line_of(error, path), _told(error)) from error
 
 
 def _guarded(controller: Controller, path: Path) -> Controller:
@@ -117,13 +117,19 @@ def _guarded(controller: Controller, path: Path) -> Controller:
                 raise
             except Exception as error:
                 where = ": ".join(part for part in (str(path), _line_of(error, path)) if part)
-                raise SceneError(f"{where}: controller failed: {type(error).__name__}: {error}") from error
+                raise SceneError(f"{where}: controller failed: {_told(error)}") from error
 
         return call
 
     return Controller(
         on_begin=guard(controller.on_begin), on_end=guard(controller.on_end), on_key=guard(controller.on_key)
     )
+
+
+def _told(error: BaseException) -> str:
+    """What went wrong, for a person: where something that was imported is now, else the error itself."""
+    moved = new_place(error) if isinstance(error, ImportError) else None
+    return moved or f"{type(error).__name__}: {str(error) or 'no message'}"
 
 
 def _line_of(error: BaseException, path: Path) -> str:

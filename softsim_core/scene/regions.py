@@ -6,7 +6,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.scene.values import Box, Sphere
+from softsim_core.values import Box, Sphere
 
 SLACK_M = 1e-9
 """Faces are included; this much rounding is forgiven, in [m]."""

@@ -71,6 +71,7 @@ def rigid_bodies(scene: SceneDescription) -> RigidBodies:
         np.array([_surface_and_mass(each)[2] for each in chosen]),
         np.array([place.position for place in places]),
         np.array([place.rotation for place in places]),
+        np.array([(*each.velocity, *each.angular_velocity) for each in chosen], dtype=float),
     )
 
 

@@ -4,32 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from softsim_core.actuation.animation import Mode, check_animation, factor_at, is_over
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.errors import SceneError
+from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
 from softsim_core.scene.description import (
     AttachmentDescription,
-    BoardDescription,
     BodyDescription,
-    CommandSettings,
-    Controller,
-    InverseSettings,
     JointDescription,
-    KeyBinding,
     SceneDescription,
     SolverSettings,
-    StartAnimation,
 )
-from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription
-from softsim_core.scene.values import Vector
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.robot import Controller, RobotDescription, need_namespace
+from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
+from softsim_core.values import Vector
 
-if TYPE_CHECKING:
-    from softsim_core.dynamics.simulation import Simulation
-
-StepCallback: TypeAlias = "Callable[[Simulation], None]"
-KeyCallback: TypeAlias = "Callable[[Simulation, str], None]"
+StepCallback: TypeAlias = "Callable[[RunningSimulation], None]"
+KeyCallback: TypeAlias = "Callable[[RunningSimulation, str], None]"
 Item: TypeAlias = (
     "BodyDescription | JointDescription | AttachmentDescription | RigidBodyDescription"
     " | CollisionDescription | Controller | Part"
@@ -53,7 +49,7 @@ class Part:
 class Scene:
     """A mutable scene: set its fields, `add` parts, hook controllers in, `describe` it.
 
-    Attributes: as in SceneDescription; lists instead of tuples.
+    Attributes: as in SceneDescription and RobotDescription, side by side; lists instead of tuples.
     """
 
     name: str = "scene"
@@ -134,7 +130,7 @@ class Scene:
 
     def animate(
         self,
-        callback: Callable[[Simulation, float], None],
+        callback: Callable[[RunningSimulation, float], None],
         duration: float,
         mode: Mode = "once",
         delay: float = 0.0,
@@ -142,13 +138,14 @@ class Scene:
         """Call `callback(simulation, factor)` before steps, from time `delay` in [s] on; see `animated`."""
         self.controllers.append(animated(callback, duration, mode, delay))
 
-    def describe(self) -> SceneDescription:
-        """The scene as an immutable, validated description.
+    def describe(self) -> RobotDescription:
+        """The scene and its robot as an immutable, validated description.
 
         Raises:
             SceneError: what was added does not fit together.
         """
-        return SceneDescription(
+        need_namespace(self.name)
+        scene = SceneDescription(
             name=self.name,
             dt=self.dt,
             gravity=self.gravity,
@@ -160,6 +157,9 @@ class Scene:
             collisions=tuple(self.collisions),
             contact=self.contact,
             effector=self.effector,
+        )
+        return RobotDescription(
+            scene=scene,
             poses={name: tuple(values) for name, values in self.poses.items()},
             commands=self.commands,
             start=self.start,
@@ -172,7 +172,10 @@ class Scene:
 
 
 def animated(
-    callback: Callable[[Simulation, float], None], duration: float, mode: Mode = "once", delay: float = 0.0
+    callback: Callable[[RunningSimulation, float], None],
+    duration: float,
+    mode: Mode = "once",
+    delay: float = 0.0,
 ) -> Controller:
     """A controller that plays an animation in simulated time.
 
@@ -181,12 +184,12 @@ def animated(
     Args:
         callback: Called with the simulation and the factor in 0..1 before each step while the animation runs.
         duration: Seconds from factor 0 to 1, > 0.
-        mode: "once", "loop" or "pingpong", as in `Animation`.
+        mode: "once", "loop" or "pingpong", see actuation.animation.factor_at.
         delay: Simulated time of factor 0 in [s], >= 0.
     """
     check_animation(duration, mode, delay)
 
-    def begin(simulation: Simulation) -> None:
+    def begin(simulation: RunningSimulation) -> None:
         elapsed = simulation.time - delay
         if elapsed > -1e-6 * simulation.dt and not is_over(elapsed - simulation.dt, duration, mode):
             callback(simulation, factor_at(elapsed, duration, mode))

@@ -19,16 +19,18 @@ from typing import Any, Literal
 
 import numpy as np
 
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.actuation.registry import described_kinds
 from softsim_core.errors import ConfigError, SceneError, listing
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.description import Controller, SceneDescription
-from softsim_core.scene.objects import CableDescription
-from softsim_core.scene.values import FieldError, MeshFile, Vector
+from softsim_core.scene.description import JointDescription
+from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
+from softsim_core.scene.material import MaterialDescription, parameter_names
+from softsim_core.scene.robot import RobotDescription, need_namespace
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
+from softsim_core.values import FieldError, MeshFile, Vector
 
 Hook = Callable[[Any, Any], Any]
-
-_NOT_IN_FILES = ("controllers", "source")
 
 
 class _RefusedError(Exception):
@@ -39,8 +41,8 @@ class _RefusedError(Exception):
         super().__init__(problem)
 
 
-def structure_scene(data: SourcedMapping, file: str | Path) -> SceneDescription:
-    """A typed scene from the data of a file.
+def structure_scene(data: SourcedMapping, file: str | Path) -> RobotDescription:
+    """A typed robot and its scene from the data of a file.
 
     Args:
         data: Mapping as read from YAML, or `unstructure_scene`'s.
@@ -55,25 +57,23 @@ def structure_scene(data: SourcedMapping, file: str | Path) -> SceneDescription:
         problem = "loading scenes needs cattrs >= 23.2: pip install cattrs (or apt install python3-cattr)"
         raise ConfigError(file, "", problem) from error
     try:
-        scene = converter.structure(data, SceneDescription)
+        robot: RobotDescription = converter.structure(data, RobotDescription)
+        need_namespace(robot.name)
     except Exception as error:
         path, problem = _first_problem(error)
         raise ConfigError(_file_of(data, path) or file, key_path(path), problem) from None
-    assert isinstance(scene, SceneDescription)
-    return scene
+    return robot
 
 
-def unstructure_scene(scene: SceneDescription, file: Path | None = None) -> SourcedMapping:
-    """A scene as plain data, in the form of the YAML files (without controllers and source).
+def unstructure_scene(robot: RobotDescription, file: Path | None = None) -> SourcedMapping:
+    """A robot and its scene as plain data, in the form of the YAML files (without controllers and source).
 
     Args:
-        scene: Any scene; meshes given as arrays stay arrays.
+        robot: Any robot; meshes given as arrays stay arrays.
         file: The file that relative paths are relative to.
     """
-    data = _plain(scene, file)
+    data = _plain(robot, file)
     assert isinstance(data, SourcedMapping)
-    for name in _NOT_IN_FILES:
-        data.pop(name)
     return data
 
 
@@ -83,12 +83,21 @@ def sourced(value: Any, file: Path | None) -> Any:
 
 
 def _plain(value: Any, file: Path | None) -> Any:
-    if isinstance(value, TetMesh | Controller):
+    if isinstance(value, TetMesh):
         return value
+    if isinstance(value, MaterialDescription):
+        return SourcedMapping(value.plain(), file)
     if is_dataclass(value) and not isinstance(value, type):
-        return SourcedMapping(
-            {each.name: _plain(getattr(value, each.name), file) for each in fields(value)}, file
-        )
+        data = SourcedMapping({}, file)
+        for each in fields(value):
+            if not is_absent(each):
+                plain = _plain(getattr(value, each.name), file)
+                data.update(plain if is_beside(each) else {each.name: plain})
+        if isinstance(value, JointDescription):
+            actuator = data.pop("actuator")
+            if value.actuator is not None:
+                data[value.actuator.kind] = actuator
+        return data
     if isinstance(value, Mapping):
         return SourcedMapping({key: _plain(item, file) for key, item in value.items()}, file)
     if isinstance(value, np.ndarray):
@@ -104,10 +113,11 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
     last: str | int | None = None
     while True:
         if isinstance(error, cattrs.BaseValidationError):
-            error = error.exceptions[0]
+            owner, error = error.cl, error.exceptions[0]
+            passed_over = beside(owner) if isinstance(owner, type) and is_dataclass(owner) else {}
             for note in getattr(error, "__notes__", ()):
                 last = getattr(note, "name", getattr(note, "index", None))
-                if last is not None:
+                if last is not None and last not in passed_over:
                     path.append(last)
             continue
         break
@@ -199,6 +209,29 @@ def _instance(value: Any, cls: type) -> Any:
     raise _RefusedError(f"comes from Python scenes only, not {_shown(value)}")
 
 
+def _material(value: Any, _: Any) -> MaterialDescription:
+    """A material from the keys of its law."""
+    if not isinstance(value, Mapping):
+        raise _RefusedError(f"must be a mapping of a law's parameters, not {_shown(value)}")
+    law = value.get("law")
+    try:
+        names = parameter_names(law)
+    except FieldError as error:
+        raise _RefusedError(f"must be {error.allowed}, not {_shown(law)}", ("law",)) from None
+    except SceneError as error:
+        raise _RefusedError(str(error), ("law",)) from None
+    _refuse_unknown(value, ["law", *names])
+    values = {}
+    for name in names:
+        if name not in value:
+            raise _RefusedError("is missing; it has no default", (name,))
+        try:
+            values[name] = _number(value[name], float)
+        except _RefusedError as error:
+            raise _RefusedError(error.problem, (name,)) from None
+    return MaterialDescription(law=law, **values)
+
+
 def _one_of(literal: Any) -> Hook:
     allowed = typing.get_args(literal)
 
@@ -255,35 +288,65 @@ def _converter() -> Any:
         return structure
 
     def dataclass_hook(cls: Any) -> Hook:
-        known = [
-            each.name for each in fields(cls) if cls is not SceneDescription or each.name not in _NOT_IN_FILES
-        ]
-        build = gen.make_dict_structure_fn(cls, converter)
+        known, inner = keys_of(cls), beside(cls)
+        omitted = {each.name: gen.override(omit=True) for each in fields(cls) if is_absent(each)}
+        build = gen.make_dict_structure_fn(cls, converter, **omitted)
 
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
                 raise _RefusedError(
                     f"must be a mapping with keys among {listing(known)}, not {_shown(value)}"
                 )
-            for key in value:
-                if key not in known:
-                    near = difflib.get_close_matches(str(key), known, n=1)
-                    hint = f"did you mean {near[0]}? " if near else ""
-                    raise _RefusedError(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
-            built = build(value, cls)
+            _refuse_unknown(value, list(known))
+            given = dict(value)
+            for name, part in inner.items():
+                given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}
+            built = build(given, cls)
             if cls is MeshFile:
                 return replace(built, file=_located(built.file, "file", value, "mesh file"))
-            if cls is CableDescription and isinstance(built.points, Path):
-                return replace(built, points=_located(built.points, "points", value, "file of cable points"))
+            if issubclass(cls, ActuatorDescription):
+                paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
+                what = {name: f"file of {cls.kind} {name}" for name in paths}
+                located = {name: _located(getattr(built, name), name, value, what[name]) for name in paths}
+                return replace(built, **located)
             return built
+
+        return structure
+
+    def joint_hook(cls: Any) -> Hook:
+        """A joint; the description of its actuator stands under the key named after its kind."""
+        plain = dataclass_hook(cls)
+
+        def structure(value: Any, _: Any) -> Any:
+            described = described_kinds()
+            if not isinstance(value, Mapping):
+                return plain(value, cls)
+            keys = [*(each.name for each in fields(cls) if each.name != "actuator"), *described]
+            _refuse_unknown(value, keys)
+            data = SourcedMapping({key: each for key, each in value.items() if key not in described}, None)
+            for key in data:
+                data.put(key, data[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
+            for kind, description in described.items():
+                if value.get(kind) is not None:
+                    try:
+                        data["actuator"] = converter.structure(value[kind], description)
+                    except Exception as error:
+                        note = cattrs.AttributeValidationNote(f"key {kind}", kind, description)
+                        error.__notes__ = [*getattr(error, "__notes__", []), note]
+                        raise cattrs.ClassValidationError(f"key {kind}", [error], cls) from None
+            return plain(data, cls)
 
         return structure
 
     for cls, hook in ((float, _number), (int, _integer), (bool, _boolean), (str, _text), (Path, _path)):
         converter.register_structure_hook(cls, hook)
     converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
+    converter.register_structure_hook_factory(lambda cls: cls is JointDescription, joint_hook)
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {ActuatorDescription, type(None)}, lambda value, _: value
+    )
     converter.register_structure_hook(TetMesh, _instance)
-    converter.register_structure_hook(Controller, _instance)
+    converter.register_structure_hook(MaterialDescription, _material)
     for origin, factory in ((tuple, tuple_hook), (dict, dict_hook), (Literal, _one_of)):
         converter.register_structure_hook_factory(functools.partial(_has_origin, origin), factory)
 
@@ -298,6 +361,15 @@ def _converter() -> Any:
         lambda t: _members(t) == {tuple[Vector, ...], Path}, points_or_file
     )
     return converter
+
+
+def _refuse_unknown(value: Mapping[Any, Any], known: list[str]) -> None:
+    """Refuse a mapping with a key that is not known."""
+    for key in value:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise _RefusedError(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
 
 
 def _has_origin(origin: Any, annotation: Any) -> bool:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from softsim_core.errors import SceneError
-from softsim_core.scene.values import FieldError, Vector, need_finite, need_positive
+from softsim_core.values import FieldError, Vector, need_finite, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.structure import sourced, structure_scene
 from softsim_core.scene.yaml_source import merge, read_extended
 
 
-def load_yaml(file: str | Path, overrides: Mapping[str, Any] | None = None) -> SceneDescription:
-    """The scene of a YAML file.
+def load_yaml(file: str | Path, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
+    """The robot or scene of a YAML file.
 
     Args:
         file: The file. Its key `extends` may name another one to lay this one over: mappings merge, lists

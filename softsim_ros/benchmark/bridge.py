@@ -23,12 +23,13 @@ from typing import IO, Any
 
 import numpy as np
 
-from servo_bridge.codec import angle_to_byte, byte_to_angle
+from servo_bridge.servo import angle_to_byte, byte_to_angle
 from servo_bridge.virtual_board import ReceivedPacket, VirtualBoard
 from softsim_core import load_scene
 from softsim_core.arrays import Array
 from softsim_core.errors import SoftSimError
-from softsim_core.scene.description import SceneDescription, ServoCalibration
+from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene.robot import RobotDescription
 
 LATENCY_LIMIT_MS = 25.0
 """Largest 99th percentile from topic to last byte at 50 Hz, in [ms]: one period and what transport takes."""
@@ -134,19 +135,19 @@ def latencies(crossings: Sequence[Crossing], packets: Sequence[ReceivedPacket]) 
     return np.array(found) * 1e3, missed
 
 
-def _measure(scene: SceneDescription, seconds: float, source: str, what: str) -> BridgeFigures:
+def _measure(robot: RobotDescription, seconds: float, source: str, what: str) -> BridgeFigures:
     domain = 60 + os.getpid() % 40  # apart from a robot that may run; ports of domains up to 101 are free
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    assert scene.board is not None
+    assert robot.board is not None
     with (
         tempfile.TemporaryDirectory() as folder,
-        VirtualBoard(len(scene.board.servos), link=Path(folder) / "board") as board,
+        VirtualBoard(len(robot.board.servos), link=Path(folder) / "board") as board,
         tempfile.TemporaryFile("w+") as log,
     ):
         environment["XDG_RUNTIME_DIR"] = folder
-        commands = _programs(scene.name, board.port, source)
-        with _running(commands, environment, log) as children, _Probe(scene, domain) as probe:
-            settled = tuple(EDGE_BYTE for _ in scene.board.servos)
+        commands = _programs(robot.name, board.port, source)
+        with _running(commands, environment, log) as children, _Probe(robot, domain) as probe:
+            settled = tuple(EDGE_BYTE for _ in robot.board.servos)
             _wait(lambda: probe.prepare() and board.servo_bytes == settled, children, log)
             crossings = probe.command_for(seconds, source)
             packets = board.packets
@@ -155,7 +156,7 @@ def _measure(scene: SceneDescription, seconds: float, source: str, what: str) ->
     during = [packet for packet in packets if packet.time_s >= crossings[0].time_s]
     found, missed = latencies(crossings, during)
     periods = np.diff([packet.time_s for packet in during]) * 1e3
-    return BridgeFigures(what, found, missed, periods, 1e3 / scene.board.rate)
+    return BridgeFigures(what, found, missed, periods, 1e3 / robot.board.rate)
 
 
 def _programs(robot: str, port: str, source: str) -> list[list[str]]:
@@ -217,11 +218,11 @@ def _wait(ready: Any, children: Sequence[subprocess.Popen[bytes]], log: IO[str])
 class _Probe:
     """Publishes commands across a byte's edge and notes when they were published, or mirrored."""
 
-    def __init__(self, scene: SceneDescription, domain: int) -> None:
-        assert scene.board is not None
-        self._servos = scene.board.servos
-        self._order = [scene.joint_names.index(servo.joint) for servo in self._servos]
-        self._values = [joint.limits.clamp(-1.0) for joint in scene.joints]
+    def __init__(self, robot: RobotDescription, domain: int) -> None:
+        assert robot.board is not None
+        self._servos = robot.board.servos
+        self._order = [robot.joint_names.index(servo.joint) for servo in self._servos]
+        self._values = [joint.limits.clamp(-1.0) for joint in robot.joints]
         self._domain = domain
         self._mirrored: list[Crossing] = []
         self._sides: list[int | None] = [None] * len(self._servos)

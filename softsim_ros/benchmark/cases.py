@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import RotationLaw, SceneDescription
+from softsim_core.scene.description import RotationLaw
 from softsim_core.scene.files import config_file
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.values import MeshFile, Placement
 from softsim_ros.benchmark import touching
 
 LEVELS = ("low", "mid", "high")
@@ -31,7 +32,7 @@ class Case:
 
     scene: str
     mesh: str
-    description: SceneDescription
+    description: RobotDescription
 
 
 def default_reference_dir() -> Path:
@@ -54,7 +55,7 @@ def silicone(mesh: str, reference: Path) -> MeshFile:
     return MeshFile(file=config_file(f"meshes/tripod_{mesh}.vtk"), placement=OUR_PLACEMENT)
 
 
-def describe(scene: str, mesh: str, reference: Path) -> SceneDescription:
+def describe(scene: str, mesh: str, reference: Path) -> RobotDescription:
     """A benchmark scene: held_centre, the tripod (again for inverse control), or one with cables and contact.
 
     Our meshes run with the robot's own rotation law (polar), the reference's with the reference's (qr); both

@@ -9,7 +9,7 @@ import numpy as np
 
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 GOAL_SPREAD = 0.004
 """Half the range in [m] around the effector's place in the start pose from which goals are drawn."""
@@ -23,7 +23,7 @@ def can_control() -> bool:
 class MovingGoal:
     """Inverse control kept in motion: the goal jumps from place to place around the start pose."""
 
-    def __init__(self, description: SceneDescription) -> None:
+    def __init__(self, description: RobotDescription) -> None:
         self.controller = InverseController(replace(description, start=None), backend="numba")
         start = description.start
         if start is not None:

@@ -11,11 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from softsim_core import Simulation
-from softsim_core.actuation.cable import no_cables
+from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns
-from softsim_core.dynamics.scipy_step import ScipyStepper, factorised
-from softsim_core.dynamics.stepper import Inputs
+from softsim_core.dynamics.scipy_backend import ScipyStepper
+from softsim_core.linalg.superlu import factorised
+from softsim_core.mechanics.control import Control
 from softsim_ros.benchmark import touching
 from softsim_ros.benchmark.cases import Case
 from softsim_ros.benchmark.control import MovingGoal, can_control
@@ -57,12 +58,12 @@ class MovingScene:
 
     def stir(self) -> None:
         """Another joint command near the start pose; a body without joints falls anew now and then."""
-        start = self.simulation.scene.start
+        start = self.simulation.robot.start
         if start is None:
             if self.simulation.step_count >= FALL_STEPS:
                 self.simulation.reset()
             return
-        pose = np.array(self.simulation.scene.poses[start.pose])
+        pose = np.array(self.simulation.robot.poses[start.pose])
         self.simulation.command(pose + self._random.uniform(-COMMAND_SPREAD, COMMAND_SPREAD, len(pose)))
 
 
@@ -79,8 +80,8 @@ def step_matrix(simulation: Simulation) -> sp.csc_matrix:
     frames = simulation.frames()
     for index, name in enumerate(model.frame_names):
         state.frame_positions[index] = frames[name].position
-    inputs = Inputs(simulation.joint_targets, simulation.forces, simulation.base_shift)
-    matrix, _ = ScipyStepper(model, no_cables()).system(state, inputs, simulation.parameters)
+    control = Control(simulation.joint_targets, simulation.forces, simulation.base_shift)
+    matrix, *_ = ScipyStepper(model, Actuators()).system(state, control, simulation.parameters)
     solved = Unknowns(model).solved
     return matrix[solved][:, solved].tocsc()
 
@@ -156,8 +157,8 @@ def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Ar
         splu_min_ms=None if splu is None else float(splu.min()),
         extras={
             **({} if splu is None else {"splu_median_ms": float(np.median(splu))}),
-            "rotation": case.description.solver.rotation,
-            "dt_s": case.description.dt,
+            "rotation": case.description.scene.solver.rotation,
+            "dt_s": case.description.scene.dt,
             "samples": len(step),
         },
     )

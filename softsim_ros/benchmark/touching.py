@@ -10,9 +10,11 @@ import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
+from softsim_core.dynamics import Backend
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import Backend, BodyDescription, SceneDescription
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.values import MeshFile, Placement
 
 SCENES = ("cable_finger", "gripper_free", "gripper_grasp", "tripod_ball")
 LIMITS = {"cable_finger": 0.2, "gripper_free": 0.8, "gripper_grasp": 2.5, "tripod_ball": 1.2}
@@ -41,7 +43,7 @@ def reference_finger(folder: Path) -> Path:
 
 def describe_touching(
     scene: str, silicone: MeshFile | None = None, finger: Path | None = None
-) -> SceneDescription:
+) -> RobotDescription:
     """One of SCENES.
 
     Args:
@@ -58,7 +60,7 @@ def describe_touching(
         overrides["bodies"] = [{"name": "silicone", "mesh": silicone, "surface": None}]
         overrides["solver"] = {"rotation": "qr"}
     elif scene != "tripod_ball" and finger is not None:
-        overrides["bodies"] = [_on_reference_mesh(body, finger) for body in load_scene(named).bodies]
+        overrides["bodies"] = [_on_reference_mesh(body, finger) for body in load_scene(named).scene.bodies]
         overrides["solver"] = {"rotation": "qr"}
     return load_scene(named, overrides)
 
@@ -80,7 +82,7 @@ class TouchingScene:
         backend: Implementation of the step that is measured.
     """
 
-    def __init__(self, name: str, description: SceneDescription, backend: Backend) -> None:
+    def __init__(self, name: str, description: RobotDescription, backend: Backend) -> None:
         with warnings.catch_warnings():  # slivers of a mesh are no news here
             warnings.simplefilter("ignore", UserWarning)
             leader, self.simulation = Simulation(description), Simulation(description, backend)
@@ -97,14 +99,14 @@ class TouchingScene:
     def stir(self) -> None:
         """Back to where it started, with a command nearby."""
         self.simulation.restore(self._home)
-        size = 0.02 if self.simulation.scene.start is not None else 1e-3  # rad, m
+        size = 0.02 if self.simulation.robot.start is not None else 1e-3  # rad, m
         self.simulation.command(self._command + self._random.uniform(-size, size, len(self._command)))
 
 
 def _pulled(simulation: Simulation, name: str, share: float) -> Array:
     """Command at a share of the lead-in: first down, where there is a cube, then closed."""
     down = 0.4 if name == "gripper_grasp" else 0.0
-    cables = [joint.cable for joint in simulation.model.joints]
+    cables = [not joint.moves_frame for joint in simulation.model.joints]
     command = np.where(cables, CLOSED * max(0.0, (share - down) / (1.0 - down)), 0.0)
     if down:
         command[simulation.joint_names.index("vertical")] = LOWERED * min(1.0, share / down)

@@ -22,7 +22,7 @@ import numpy as np
 from softsim_core.mesh import SurfaceMesh, read_surface
 from softsim_core.mesh.writers import write_surface
 from softsim_core.scene.files import config_file, find_config
-from softsim_core.scene.values import Placement
+from softsim_core.values import Placement
 from softsim_ros.benchmark.process import (
     NODE_MODULE,
     Listener,
@@ -34,10 +34,10 @@ from softsim_ros.benchmark.process import (
 
 VIEWER_MODULE: Final = "softsim_ros.viewer.viewer_node"
 CORE_SHARE_LIMIT: Final = 0.10
-"""Largest share of a core that the viewer may need with one browser at 30 frames a second."""
+"""Largest share of a core that the viewer may need with one browser at 30 frames per second."""
 
 STEP_GROWTH_LIMIT: Final = 0.05
-"""Largest growth of the simulator's processor time a step while a browser watches."""
+"""Largest growth of the simulator's processor time per step while a browser watches."""
 
 PAIRS: Final = 4
 SETTLE_S: Final = 3.0
@@ -192,7 +192,7 @@ def _start(module: str, log: IO[str], environment: dict[str, str], *settings: st
 
 
 def _steps(listener: Listener, seconds: float) -> list[dict[str, float]]:
-    """The simulator's diagnostics, one a second, over some seconds from now."""
+    """The simulator's diagnostics, one per second, over some seconds from now."""
     first = len(listener.reports) + 1  # the next report still tells of the time before
     threading.Event().wait(seconds)
     return list(listener.reports[first:])

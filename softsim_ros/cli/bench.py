@@ -176,7 +176,7 @@ def _process(records: list[Record]) -> int:
         late = figures.publish_ms > PUBLISH_LIMIT_MS
         missed += late
         print(
-            f"  publishing {figures.publish_ms:.2f} ms a step, target <= {PUBLISH_LIMIT_MS:.0f} ms: "
+            f"  publishing {figures.publish_ms:.2f} ms per step, target <= {PUBLISH_LIMIT_MS:.0f} ms: "
             f"{'MISSED' if late else 'ok'}; real-time factor {figures.real_time_factor:.2f}"
         )
         extras |= {"publish_ms": figures.publish_ms}

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from servo_bridge.board_node import BoardNode
 from servo_bridge.virtual_board_node import VirtualBoardNode
 from softsim_core.errors import SceneError
-from softsim_core.scene import SceneDescription
+from softsim_core.scene import RobotDescription
 
 EMULATED_SERVOS = 3
 """Servos of the firmware."""
@@ -47,7 +47,7 @@ def quiet_s(kind: BoardKind) -> float | None:
 
 
 def local_board(
-    stack: contextlib.ExitStack, scene: SceneDescription, namespace: str, kind: BoardKind
+    stack: contextlib.ExitStack, robot: RobotDescription, namespace: str, kind: BoardKind
 ) -> BoardNode | None:
     """The node of a board in this process, closed by `stack`; None where it is not in this process.
 
@@ -57,14 +57,15 @@ def local_board(
     """
     node: BoardNode
     if kind is BoardKind.VIRTUAL:
-        servos = Parameter("servos", value=servo_count(scene))
-        node = VirtualBoardNode(link="", namespace=namespace, parameter_overrides=[servos])
+        values = {"servos": servo_count(robot)} | ({"protocol": robot.board.protocol} if robot.board else {})
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        node = VirtualBoardNode(link="", namespace=namespace, parameter_overrides=overrides)
     elif kind is BoardKind.EMULATED:
         from servo_bridge.emulated_board_node import EmulatedBoardNode  # loads simavr: only when wanted
 
-        if servo_count(scene) != EMULATED_SERVOS:
+        if servo_count(robot) != EMULATED_SERVOS:
             raise SceneError(
-                f"{scene.name} has {servo_count(scene)} servos, and the emulated firmware drives"
+                f"{robot.name} has {servo_count(robot)} servos, and the emulated firmware drives"
                 f" {EMULATED_SERVOS}; use --board {BoardKind.VIRTUAL.value}"
             )
         node = EmulatedBoardNode(link="", namespace=namespace)
@@ -74,6 +75,6 @@ def local_board(
     return node
 
 
-def servo_count(scene: SceneDescription) -> int:
+def servo_count(robot: RobotDescription) -> int:
     """Servos of a robot's board; 0 without one."""
-    return len(scene.board.servos) if scene.board else 0
+    return len(robot.board.servos) if robot.board else 0

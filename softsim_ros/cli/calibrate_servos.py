@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import get_args
 
 from servo_bridge.calibrate import (
     START_TIMEOUT_S,
@@ -14,13 +13,13 @@ from servo_bridge.calibrate import (
     calibrate,
 )
 from servo_bridge.calibration_file import calibrated_robot, default_file, save_calibration
-from servo_bridge.codec import byte_to_angle
 from servo_bridge.driver import ServoDriver
-from servo_bridge.link import ProtocolChoice
 from servo_bridge.ports import find_port
-from softsim_core.errors import SceneError
+from servo_bridge.protocols import AUTO, names
+from servo_bridge.servo import byte_to_angle
+from softsim_core.errors import SceneError, listing
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import ServoCalibration
+from softsim_core.scene.board import ServoCalibration
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", help="robot: a name from configs/robots, or a file")
     parser.add_argument("--port", default="", help="serial port (default: the one board that is plugged in)")
     parser.add_argument("--output", type=Path, metavar="FILE", help="calibration to begin with and to write")
-    parser.add_argument("--protocol", choices=get_args(ProtocolChoice), default="auto", help="default: auto")
+    known = f"{AUTO} (the default), {listing(names())}, or one that the robot's Python file registers"
+    parser.add_argument("--protocol", default=AUTO, metavar="NAME", help=known)
     parser.add_argument(
         "--open-wait", type=float, default=2.5, metavar="S", help="quiet time of a board that starts (2.5 s)"
     )

@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=("grasp",), help="which demo")
     parser.add_argument("--robot", default="cable_gripper", help="gripper to use: a name or a file")
     parser.add_argument(
-        "--speed", type=float, default=1.0, help="simulated seconds a second; 0 is as fast as possible (1)"
+        "--speed", type=float, default=1.0, help="simulated seconds per second; 0 is as fast as possible (1)"
     )
     parser.add_argument("--check", action="store_true", help="exit code 1 when the grasp misses its marks")
     parser.epilog = "`softsim run viewer --ros-args -p robot:=cable_gripper` in another terminal shows it."

@@ -1,7 +1,7 @@
 """Makes the Python environment of a checkout; ./softsim runs it with any Python 3.10 to 3.13.
 
 Safe to interrupt (the next start begins again), safe to start twice (the second waits for the first), and it
-shows what it is doing: a line a stage, with a moving last line in a terminal.
+shows what it is doing: a line per stage, with a moving last line in a terminal.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def make_environment(root: Path, home: Path, stages: Stages, extras: str) -> Non
         [*pinned, "--no-build-isolation", "-e", f"{root}[{extras}]"],
     )
     try:
-        stages.run("Compiling the physics kernels", [python, "-m", "softsim_core.dynamics.warmup"])
+        stages.run("Compiling the physics kernels", [python, "-m", "softsim_core.warmup"])
     except InstallError as error:  # slower, not broken: they compile when first used, or the SciPy path runs
         print(f"softsim: the kernels are left for their first use: {error}", file=sys.stderr)
 

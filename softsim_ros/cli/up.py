@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 1
     from softsim_core.scene import load_scene
     from softsim_ros.cli.boards import BoardChoice, BoardKind
+    from softsim_ros.cli.bring_up import run_bring_up
     from softsim_ros.cli.one_at_a_time import only_one
-    from softsim_ros.cli.station import run_station
     from softsim_ros.cli.web_page import PageChoice, WebPage
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite)
             page = stack.enter_context(WebPage(str(scene.source or scene.name), namespace, choice))
-        return run_station(
+        return run_bring_up(
             scene,
             namespace,
             board,

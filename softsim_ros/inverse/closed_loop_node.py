@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu
 from std_srvs.srv import SetBool
 
-from softsim_core import SceneDescription
+from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
@@ -60,8 +60,8 @@ class ClosedLoop(RobotNode):
     node_name = NODE_NAME
     _log: ClosedLoopLog | None = None
 
-    def _begin(self, scene: SceneDescription) -> None:
-        rest = effector_rest(scene)
+    def _begin(self, robot: RobotDescription) -> None:
+        rest = effector_rest(robot)
         self._declare(rest[2] + MAZE_LIFT_M)
         self._position = np.array([rest[0], rest[1], self._number("height")])
         self._turn = 0.0

@@ -36,7 +36,7 @@ class CommandsOut:
         node.create_subscription(Float64MultiArray, TOPIC, self._on_command, _NEWEST_ONLY, raw=True)
 
     def publish(self, command: Array) -> None:
-        """Send one position a joint, in [rad] or [m], shape (j,)."""
+        """Send one position per joint, in [rad] or [m], shape (j,)."""
         data = serialize_message(Float64MultiArray(data=array("d", command)))
         if not self._own or self._own[-1] != data:
             self._own.append(data)

@@ -14,11 +14,12 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.controller import InverseController, InverseReport
 from softsim_core.mechanics.pose import Pose
-from softsim_core.scene.description import InverseSettings, JointDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import JointDescription
 from softsim_ros.inverse.following import Following, has_moved
 from softsim_ros.inverse.plant import Feedback, Plant
-from softsim_ros.requests import Requests
 from softsim_ros.simulator.pacing import Pacer, RateGate, SpeedMeter
+from softsim_ros.work_queue import WorkQueue
 
 Mode: TypeAlias = Literal["off", "on", "holding"]
 Result = TypeVar("Result")
@@ -79,7 +80,7 @@ class ControlThread:
         self.settings = controller.settings
         self._goal: Pose | None = None
         self._goal_lock = threading.Lock()
-        self._requests = Requests("inverse control", "one tick", lambda: self.is_alive)
+        self._requests = WorkQueue("inverse control", "one tick", lambda: self.is_alive)
         self._pacer, self._gate = Pacer(), RateGate(1.0)
         self._meter = SpeedMeter(dt, time.monotonic())
         self._mode: Mode = "off"

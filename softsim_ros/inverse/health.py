@@ -26,7 +26,9 @@ def health(
         level, sentence = ERROR, "the control thread has ended; restart the inverse controller"
     elif status.fault:
         level = ERROR
-    elif status.mode == "holding" or (report is not None and not report.reachable):
+    elif status.mode == "holding" or (
+        report is not None and (not report.reachable or report.sensitivity_age > 0)
+    ):
         level = WARN
     values: dict[str, object] = {"mode": status.mode, "feedback": feedback}
     if report is not None:
@@ -37,6 +39,7 @@ def health(
             "reachable": report.reachable,
             "active_limits": listing(report.active),
             "status": report.status,
+            "sensitivity_age_ticks": report.sensitivity_age,
             "qp_ms": report.qp_ms,
             "tick_ms": report.tick_ms,
             "ticks_per_second": status.rate,

@@ -17,7 +17,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from softsim_core import SceneDescription
+from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
@@ -55,16 +55,17 @@ class InverseControl(RobotNode):
     _control: ControlThread | None = None
     _closed = False
 
-    def _begin(self, scene: SceneDescription) -> None:
-        if scene.effector is None or not scene.joints:
+    def _begin(self, robot: RobotDescription) -> None:
+        effector = robot.scene.effector
+        if effector is None or not robot.joints:
             raise SceneError(
-                f"scene {scene.name} has no {'joints' if scene.effector else 'effector'}: inverse control "
+                f"scene {robot.name} has no {'joints' if effector else 'effector'}: inverse control "
                 "needs both (keys `joints` and `effector` of its file)"
             )
-        start = declare_parameters(self, scene)
-        self.scene = scene = start.scene
-        self.get_logger().info(f"building the model of {scene.name}")
-        self._frames = (WORLD, f"{scene.name}_base")  # the base stands in the world's origin
+        start = declare_parameters(self, robot)
+        self._description = robot = start.robot
+        self.get_logger().info(f"building the model of {robot.name}")
+        self._frames = (WORLD, f"{robot.name}_base")  # the base stands in the world's origin
         self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
         self._joint_states_at = -np.inf
         self._foreign_commands = 0
@@ -72,9 +73,9 @@ class InverseControl(RobotNode):
         self._commands = CommandsOut(self, self._on_foreign_command)
         self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", _NEWEST_ONLY)
         self._control = ControlThread(
-            InverseController(scene, scene.inverse),
-            scene.joints,
-            scene.dt,
+            InverseController(robot, robot.inverse),
+            robot.joints,
+            robot.scene.dt,
             self._publish,
             self._warn,
             self._ended,
@@ -90,7 +91,7 @@ class InverseControl(RobotNode):
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
-        self.get_logger().info(f"ready to control {scene.name}; call ~/enable")
+        self.get_logger().info(f"ready to control {robot.name}; call ~/enable")
 
     def close(self) -> None:
         """End control, then destroy the node; a second call does nothing."""
@@ -127,13 +128,13 @@ class InverseControl(RobotNode):
             self.control.plant = self.control.plant.with_joints(positions, time.monotonic())
 
     def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
-        missing = [joint for joint in self.scene.joint_names if joint not in names]
+        missing = [joint for joint in self._description.joint_names if joint not in names]
         if missing:
             self._warn(
                 f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
             )
             return None
-        return [names.index(joint) for joint in self.scene.joint_names]
+        return [names.index(joint) for joint in self._description.joint_names]
 
     def _on_base_shift(self, message: Float64) -> None:
         if np.isfinite(message.data):

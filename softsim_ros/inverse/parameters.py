@@ -12,7 +12,8 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core.scene.description import InverseSettings, SceneDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.inverse.plant import FEEDBACKS, Feedback
 from softsim_ros.runtime import ParameterError, declare_number, declare_text
 
@@ -48,18 +49,18 @@ WEIGHTS: Final = {
 class StartParameters:
     """Values at start: the robot with the settings laid over it, and where feedback comes from."""
 
-    scene: SceneDescription
+    robot: RobotDescription
     feedback: Feedback
 
 
-def declare_parameters(node: Node, scene: SceneDescription) -> StartParameters:
+def declare_parameters(node: Node, robot: RobotDescription) -> StartParameters:
     """Declare all parameters but `robot`; defaults come from the robot's file, key `inverse`.
 
     Raises:
         ParameterError: a value given at start is not allowed.
         SceneError: values that do not fit together.
     """
-    own = scene.inverse
+    own = robot.inverse
     values: dict[str, Any] = {
         "task": declare_text(
             node, "task", own.task, "What of a goal the effector follows", choices=TASKS, read_only=False
@@ -76,7 +77,7 @@ def declare_parameters(node: Node, scene: SceneDescription) -> StartParameters:
     declare_number(
         node,
         "base_shift",
-        0.0 if scene.start is None else scene.start.base_shift,
+        robot.start_shift,
         "Shift in m of the joint bases where no simulator tells it on base_shift: how the robot is mounted",
         -1.0,
         1.0,
@@ -86,7 +87,7 @@ def declare_parameters(node: Node, scene: SceneDescription) -> StartParameters:
         choices=FEEDBACKS, read_only=False,
     )  # fmt: skip
     settings = dataclasses.replace(own, **values)
-    return StartParameters(dataclasses.replace(scene, inverse=settings), checked_feedback(feedback))
+    return StartParameters(dataclasses.replace(robot, inverse=settings), checked_feedback(feedback))
 
 
 def tuned(settings: InverseSettings, parameters: Sequence[Parameter]) -> InverseSettings:

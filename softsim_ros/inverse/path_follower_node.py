@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core import SceneDescription
+from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, read_path
@@ -54,10 +54,10 @@ class PathFollower(RobotNode):
 
     node_name = NODE_NAME
 
-    def _begin(self, scene: SceneDescription) -> None:
-        self._rest = effector_rest(scene)
+    def _begin(self, robot: RobotDescription) -> None:
+        self._rest = effector_rest(robot)
         declare_parameters(self)
-        self._own_task = scene.inverse.task
+        self._own_task = robot.inverse.task
         self._file = str(self.get_parameter("file").value)
         self._player = PathPlayer()
         self._received: EffectorPath | None = None

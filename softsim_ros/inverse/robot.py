@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core import SceneDescription
+from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, listing
 from softsim_ros.inverse.goals import WORLD
 
 
-def effector_rest(scene: SceneDescription) -> Array:
+def effector_rest(robot: RobotDescription) -> Array:
     """Position of the effector in [m] on the robot at rest, shape (3,).
 
     Raises:
         SceneError: the robot has no effector.
     """
-    for attachment in scene.attachments:
-        if attachment.name == scene.effector:
+    for attachment in robot.scene.attachments:
+        if attachment.name == robot.scene.effector:
             return np.array(attachment.frame.translation)
-    raise SceneError(f"{scene.name} has no effector: add `effector: NAME` of a free attachment to its file")
+    raise SceneError(f"{robot.name} has no effector: add `effector: NAME` of a free attachment to its file")
 
 
 def world_frames(robot: str) -> tuple[str, str]:

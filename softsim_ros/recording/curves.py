@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softsim_core import SceneDescription
+from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import diagnostic_row
@@ -67,15 +67,15 @@ class _Series:
         return Curve(name, np.array(self.times), scale * values, style, colour)
 
 
-def charts(bag: Bag, scene: SceneDescription | None) -> list[Chart]:
+def charts(bag: Bag, robot: RobotDescription | None) -> list[Chart]:
     """All charts of a report, each with its curves or with a sentence that says what is missing.
 
     Args:
         bag: Open bag.
-        scene: The robot, for the units and limits of its joints; None where it is not known here.
+        robot: The robot, for the units and limits of its joints; None where it is not known here.
     """
     return [
-        *_joint_charts(bag, scene),
+        *_joint_charts(bag, robot),
         *_effector_charts(bag),
         _residuals(bag),
         _stress(bag),
@@ -98,7 +98,7 @@ def _series(bag: Bag, topic: str, column: str) -> _Series:
     return series
 
 
-def _joint_charts(bag: Bag, scene: SceneDescription | None) -> Iterator[Chart]:
+def _joint_charts(bag: Bag, robot: RobotDescription | None) -> Iterator[Chart]:
     names: list[str] = []
     for _, message in bag.messages(bag.topic("joint_states")):
         names = list(message.name)
@@ -106,7 +106,7 @@ def _joint_charts(bag: Bag, scene: SceneDescription | None) -> Iterator[Chart]:
     absent = missing(bag, "joint_states")
     positions, efforts = (_series(bag, "joint_states", column) for column in ("position", "effort"))
     commands = _series(bag, "position_controller/commands", "data")
-    kinds = {joint.name: joint for joint in scene.joints} if scene else {}
+    kinds = {joint.name: joint for joint in robot.joints} if robot else {}
     groups = (
         ("Joint angles", "deg", DEGREES, "N m", [n for n in names if _revolute(kinds, n)]),
         ("Joint travels", "mm", MM, "N", [n for n in names if not _revolute(kinds, n)]),
@@ -126,7 +126,7 @@ def _joint_charts(bag: Bag, scene: SceneDescription | None) -> Iterator[Chart]:
             if name in kinds:
                 limits = kinds[name].limits
                 levels |= {scale * limit for limit in (limits.lower, limits.upper) if math.isfinite(limit)}
-        sentence = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, scene)
+        sentence = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, robot)
         yield Chart(title, unit, tuple(curves), tuple(sorted(levels)), sentence)
         held = tuple(
             efforts.curve(name, names.index(name), 1.0, "line", colour) for colour, name in enumerate(group)
@@ -139,8 +139,8 @@ def _revolute(kinds: Mapping[str, object], name: str) -> bool:
     return getattr(kinds.get(name), "kind", "revolute") == "revolute"
 
 
-def _no_limits(bag: Bag, scene: SceneDescription | None) -> str:
-    if scene is None:
+def _no_limits(bag: Bag, robot: RobotDescription | None) -> str:
+    if robot is None:
         return f"No limits are drawn: there is no robot called {bag.robot} here."
     return "Dotted: commands. The joints have no limits."
 

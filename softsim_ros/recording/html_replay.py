@@ -19,7 +19,7 @@ from softsim_ros.viewer.marker_view import MarkerView, RigidView
 from softsim_ros.viewer.surface import MM, Part, SurfaceView
 
 MOST_FRAMES = 600
-"""Long recordings get fewer frames a second: a page should not exceed about 20 MB."""
+"""Long recordings get fewer frames per second: a page should not exceed about 20 MB."""
 
 RATE = 20.0
 BODY_COLOUR = (0.9, 0.9, 0.9, 1.0)

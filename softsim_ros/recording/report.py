@@ -7,7 +7,7 @@ import importlib.util
 from datetime import datetime
 from html import escape
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import SoftSimError
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import diagnostic_row
@@ -65,7 +65,7 @@ def _summary(bag: Bag) -> str:
     )
 
 
-def _scene(bag: Bag) -> SceneDescription | None:
+def _scene(bag: Bag) -> RobotDescription | None:
     try:
         return load_scene(bag.robot)
     except SoftSimError:

@@ -55,7 +55,7 @@ def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = Non
     Args:
         bag: Open bag.
         topics: Surface or volume.
-        rate: At most that many frames a second of the bag, in [Hz]; None takes all.
+        rate: At most that many frames per second of the bag, in [Hz]; None takes all.
     """
     cells_of = [(stamp, _cells(message)) for stamp, message in bag.messages(bag.topic(topics.cells))]
     following = 0

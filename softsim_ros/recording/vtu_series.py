@@ -12,7 +12,7 @@ from softsim_ros.recording.surface_frames import MeshFrame
 
 
 def write_vtu_series(frames: Iterable[MeshFrame], kind: str, folder: Path, name: str) -> tuple[Path, int]:
-    """Write a file a frame into `folder/name/` and `folder/name.pvd`, which lists them with their times.
+    """Write a file per frame into `folder/name/` and `folder/name.pvd`, which lists them with their times.
 
     Args:
         frames: What to write.

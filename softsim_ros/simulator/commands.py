@@ -8,10 +8,10 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core.actuation.limits import check_command
 from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
+from softsim_core.mechanics.limits import check_command
 
 
 def position_command(message: Float64MultiArray, joints: Sequence[str]) -> Array:

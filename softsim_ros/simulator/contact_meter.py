@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from softsim_core.dynamics.contact_step import ContactReport
+from softsim_core.dynamics.report import ContactReport
 
 
 @dataclass(frozen=True)

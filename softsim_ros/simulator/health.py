@@ -46,6 +46,10 @@ def health(
         level, sentence, state = ERROR, status.fault, "stopped"
     elif status.contacts is not None and status.contacts.unsolved:
         level, sentence = WARN, status.contacts.complaint
+    elif status.inverted_elements:
+        count = status.inverted_elements
+        told = "element is" if count == 1 else "elements are"
+        level, sentence = WARN, f"{count} {told} inside out; reduce dt, the load, or the pull on them"
     elif not status.paused and 0.0 < factor < SLOW * speed:
         level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
     values: dict[str, object] = {
@@ -62,6 +66,7 @@ def health(
         "clamped_commands": status.clamped_commands,
         "refused_commands": status.refused_commands,
         "backend": backend,
+        "inverted_elements": status.inverted_elements,
         "memory_mb": memory_mb(),
     }
     if status.contacts is not None:

@@ -23,7 +23,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
+from softsim_core.simulation import Simulation
 from softsim_ros import messages
 from softsim_ros.simulator.pacing import RateGate
 
@@ -76,7 +76,7 @@ class ObjectPublications:
         if _due(self._poses, self._poses_gate, now, whole) and simulation.rigid_bodies:
             poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
             self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
-        if _due(self._cables, self._cables_gate, now, whole) and (whole or simulation.cables):
+        if _due(self._cables, self._cables_gate, now, whole) and (whole or simulation.actuators):
             self._cables.publish(self._moving_cables.fill(stamp, cable_places(simulation)))
         touches = whole or simulation.collision_surfaces  # else there is nothing new to say
         if touches and _due(self._contacts, self._contacts_gate, now, whole):
@@ -98,9 +98,11 @@ def bodies_topology(simulation: Simulation) -> MarkerArray:
 
 
 def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Lines, points and pull points of all cables."""
+    """Lines, points and pull points of all cables and other actuators that have points."""
     markers = []
-    for number, cable in enumerate(simulation.cables):
+    for number, cable in enumerate(simulation.actuators):
+        if not len(cable.points):
+            continue
         line = _marker(stamp, "line", number, Marker.LINE_STRIP, _LINE, _CABLE)
         line.points = _points(cable.points)
         dots = _marker(stamp, "points", number, Marker.SPHERE_LIST, _DOT, _CABLE)
@@ -116,7 +118,9 @@ def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
 def cable_places(simulation: Simulation) -> list[Array]:
     """Where the markers of `cable_markers` are in [m], see messages.MovingMarkers."""
     places = []
-    for cable in simulation.cables:
+    for cable in simulation.actuators:
+        if not len(cable.points):
+            continue
         outside = int(cable.pulled_from_outside)
         places += [cable.points, cable.points[outside:], *cable.points[:outside]]
     return places

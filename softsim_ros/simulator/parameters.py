@@ -9,15 +9,19 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from softsim_core.dynamics.simulation import Simulation
-from softsim_core.scene.description import SceneDescription
+from softsim_core.fem.materials import material, material_names
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation import Simulation
 from softsim_ros.runtime import declare_number, declare_switch, declare_text
 from softsim_ros.simulator.snapshot_file import default_snapshot_file
 
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")
-PHYSICAL = ("young_modulus", "poisson_ratio", "rayleigh_stiffness", "rayleigh_mass")
-"""Last parts of the names of the parameters that belong to the scene."""
+DAMPING = ("rayleigh_stiffness", "rayleigh_mass")
+RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.499)}
+"""Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
+LARGEST = 1.0e12
+"""End of a range that a law leaves open."""
 
 
 class Tuning(NamedTuple):
@@ -32,7 +36,7 @@ class StartParameters:
     """Values at start.
 
     Attributes:
-        scene: The scene with what the parameters say laid over it.
+        robot: The robot with what the parameters say laid over it.
         backend: Implementation of the step.
         speed: Simulated seconds a wall second; 0 is as fast as possible.
         mesh_rate: Messages a second on mesh/points, in [Hz].
@@ -42,7 +46,7 @@ class StartParameters:
         tunings: Parameters of the physics that change at run time, by name.
     """
 
-    scene: SceneDescription
+    robot: RobotDescription
     backend: str
     speed: float
     mesh_rate: float
@@ -63,14 +67,14 @@ def declare_overrides(node: Node) -> str:
     )
 
 
-def forget_overrides(node: Node) -> None:
+def clear_overrides(node: Node) -> None:
     """Make the parameter `overrides` empty, also where one was given at start: another scene runs."""
     descriptor = node.describe_parameter("overrides")
     node.undeclare_parameter("overrides")
     node.declare_parameter("overrides", "", descriptor, ignore_override=True)
 
 
-def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> StartParameters:
+def declare_parameters(node: Node, robot: RobotDescription, named: str) -> StartParameters:
     """Declare all parameters but `robot`; defaults come from the scene.
 
     Raises:
@@ -78,25 +82,25 @@ def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> Start
         SceneError: the scene does not allow it.
     """
     backend = declare_text(
-        node, "backend", scene.solver.backend, "Implementation of the step", choices=BACKENDS
+        node, "backend", robot.scene.solver.backend, "Implementation of the step", choices=BACKENDS
     )
     out_of_range = declare_text(
         node,
         "out_of_range",
-        scene.commands.out_of_range,
+        robot.commands.out_of_range,
         "What happens to a command beyond the limits: it is clamped, or refused whole",
         choices=OUT_OF_RANGE,
     )
     enforce = declare_switch(
         node,
         "enforce_limits",
-        scene.commands.enforce_limits,
+        robot.commands.enforce_limits,
         "Keep joint limits (position and speed); false allows full turns, in simulation only",
     )
     declare_text(
         node,
         "snapshot_file",
-        str(default_snapshot_file(robot)),
+        str(default_snapshot_file(named)),
         "File that ~/save writes and ~/load reads",
         read_only=False,
     )
@@ -120,12 +124,12 @@ def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> Start
         0.0,
         1.0e12,
     )
-    scene, tunings = _declare_physics(node, scene)
+    robot, tunings = _declare_physics(node, robot)
     commands = dataclasses.replace(
-        scene.commands, enforce_limits=enforce, out_of_range="refuse" if out_of_range == "refuse" else "clamp"
+        robot.commands, enforce_limits=enforce, out_of_range="refuse" if out_of_range == "refuse" else "clamp"
     )
     return StartParameters(
-        scene=dataclasses.replace(scene, commands=commands),
+        robot=dataclasses.replace(robot, commands=commands),
         backend=backend,
         speed=speed,
         mesh_rate=mesh_rate,
@@ -136,7 +140,7 @@ def declare_parameters(node: Node, scene: SceneDescription, robot: str) -> Start
     )
 
 
-def declare_physics_again(node: Node, scene: SceneDescription, start: StartParameters) -> StartParameters:
+def declare_physics_again(node: Node, robot: RobotDescription, start: StartParameters) -> StartParameters:
     """Parameters of material and damping for another scene, in place of those of `start`.
 
     Returns:
@@ -145,40 +149,33 @@ def declare_physics_again(node: Node, scene: SceneDescription, start: StartParam
     Raises:
         ParameterError: a value is out of range; some parameters may be missing until the next call.
     """
+    physical = {*DAMPING, *(each for law in material_names() for each in material(law).names)}
     for name in list(node.get_parameters_by_prefix("")):
-        if name.rpartition(".")[2] in PHYSICAL:
+        if name.rpartition(".")[2] in physical:
             node.undeclare_parameter(name)
-    scene = dataclasses.replace(scene, commands=start.scene.commands)
-    scene, tunings = _declare_physics(node, scene)
-    return dataclasses.replace(start, scene=scene, tunings=tunings)
+    robot = dataclasses.replace(robot, commands=start.robot.commands)
+    robot, tunings = _declare_physics(node, robot)
+    return dataclasses.replace(start, robot=robot, tunings=tunings)
 
 
-def _declare_physics(node: Node, scene: SceneDescription) -> tuple[SceneDescription, dict[str, Tuning]]:
-    """Material and damping: `young_modulus`; with several bodies `BODY.young_modulus`."""
-    tunings: dict[str, Tuning] = {}
+def _declare_physics(node: Node, robot: RobotDescription) -> tuple[RobotDescription, dict[str, Tuning]]:
+    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`."""
+    scene, tunings = robot.scene, dict[str, Tuning]()
     bodies = []
     for body in scene.bodies:
         prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
-        young = declare_number(
-            node,
-            f"{prefix}young_modulus",
-            body.material.young_modulus,
-            f"Young modulus of {body.name} in Pa",
-            1.0,
-            1.0e12,
-        )
-        poisson = declare_number(
-            node,
-            f"{prefix}poisson_ratio",
-            body.material.poisson_ratio,
-            f"Poisson ratio of {body.name}",
-            -0.99,
-            0.499,
-        )
-        material = dataclasses.replace(body.material, young_modulus=young, poisson_ratio=poisson)
-        bodies.append(dataclasses.replace(body, material=material))
-        tunings[f"{prefix}young_modulus"] = _young_modulus_of(body.name)
-        tunings[f"{prefix}poisson_ratio"] = _poisson_ratio_of(body.name)
+        values = {}
+        for parameter in body.material.law_for(scene.solver.rotation).parameters:
+            unit = "" if parameter.unit == "-" else f" in {parameter.unit}"
+            values[parameter.name] = declare_number(
+                node,
+                f"{prefix}{parameter.name}",
+                body.material.values[parameter.name],
+                f"{parameter.description} of {body.name}{unit}",
+                *RANGES.get(parameter.name, (max(parameter.lower, -LARGEST), min(parameter.upper, LARGEST))),
+            )
+            tunings[f"{prefix}{parameter.name}"] = _material_parameter(body.name, parameter.name)
+        bodies.append(dataclasses.replace(body, material=body.material.changed(**values)))
     stiffness = declare_number(
         node, "rayleigh_stiffness", scene.solver.rayleigh_stiffness, "Damping per stiffness in s", 0.0, 10.0
     )
@@ -194,23 +191,11 @@ def _declare_physics(node: Node, scene: SceneDescription) -> tuple[SceneDescript
         lambda simulation, value: simulation.set_damping(rayleigh_mass=value),
     )
     solver = dataclasses.replace(scene.solver, rayleigh_stiffness=stiffness, rayleigh_mass=mass)
-    return dataclasses.replace(scene, bodies=tuple(bodies), solver=solver), tunings
+    return robot.with_scene(bodies=tuple(bodies), solver=solver), tunings
 
 
-def _young_modulus_of(body: str) -> Tuning:
+def _material_parameter(body: str, name: str) -> Tuning:
     return Tuning(
-        lambda simulation: _shortest(simulation.material(body).young_modulus),
-        lambda simulation, value: simulation.set_material(body, young_modulus=value),
+        lambda simulation: simulation.material(body).values[name],
+        lambda simulation, value: simulation.set_material(body, **{name: value}),
     )
-
-
-def _poisson_ratio_of(body: str) -> Tuning:
-    return Tuning(
-        lambda simulation: _shortest(simulation.material(body).poisson_ratio),
-        lambda simulation, value: simulation.set_material(body, poisson_ratio=value),
-    )
-
-
-def _shortest(value: float) -> float:
-    """The value without the last digits, which a way through the Lame parameters leaves unsure."""
-    return float(f"{value:.12g}")

@@ -13,13 +13,13 @@ import numpy as np
 
 from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
-from softsim_ros.requests import Requests
+from softsim_core.simulation import Simulation
 from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
 from softsim_ros.simulator.printed import printed_lines
 from softsim_ros.simulator.step_history import StepHistory
+from softsim_ros.work_queue import WorkQueue
 
 IDLE_PERIOD_S = 0.1
 """While paused the unchanged state is shown this often, in [s], so that late joiners see it."""
@@ -42,6 +42,7 @@ class PhysicsStatus:
         clamped_commands: Commands that were moved to the limits, in all.
         refused_commands: Commands that the simulation refused, in all.
         trajectory: Whether a trajectory is running.
+        inverted_elements: Elements that are inside out or flat after the last step.
         contacts: How contacts were solved in the last second or so; None in a scene without.
     """
 
@@ -55,6 +56,7 @@ class PhysicsStatus:
     clamped_commands: int = 0
     refused_commands: int = 0
     trajectory: bool = False
+    inverted_elements: int = 0
     contacts: ContactQuality | None = None
 
 
@@ -87,7 +89,7 @@ class PhysicsThread:
         self._simulation = simulation
         self._on_state, self._on_refusal = on_state, on_refusal
         self._on_fault, self._on_print = on_fault, on_print
-        self._requests = Requests("the physics", "a physics step", lambda: self.is_alive)
+        self._requests = WorkQueue("the physics", "a physics step", lambda: self.is_alive)
         self._command_lock = threading.Lock()
         self._newest: Array | JointTrajectory | None = None
         self._trajectory: tuple[JointTrajectory, float, Array] | None = None
@@ -287,7 +289,7 @@ class PhysicsThread:
 
     def _listening(self) -> AbstractContextManager[None]:
         """What is printed inside is the scene's, where it has code of its own."""
-        return printed_lines(self._on_print) if self._simulation.scene.controllers else nullcontext()
+        return printed_lines(self._on_print) if self._simulation.robot.controllers else nullcontext()
 
     def _stop_on_fault(self, sentence: str) -> None:
         self._forget_commands()
@@ -345,6 +347,7 @@ class PhysicsThread:
             clamped_commands=self._clamped,
             refused_commands=self._refused,
             trajectory=self._trajectory is not None,
+            inverted_elements=simulation.report.inverted,
             contacts=self._last_contacts if simulation.collision_surfaces else None,
         )
         return self._on_state(simulation, whole)

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
+from softsim_core.simulation import Simulation
 from softsim_ros import messages
 from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate

@@ -15,8 +15,8 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.simulation import Simulation
 from softsim_core.errors import CommandError, SoftSimError, listing
+from softsim_core.simulation import Simulation
 from softsim_ros.runtime import declare_number
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
@@ -118,7 +118,7 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
             index -= len(body.surface.points)
     effector = f"{simulation.scene.name}_effector"
     name = simulation.scene.effector if frame == effector else frame
-    for zone in simulation.model.zones:
+    for zone in simulation.model.regions:
         if zone.frame >= 0 and zone.name == name:
             forces[zone.nodes] = force / len(zone.nodes)
             return forces

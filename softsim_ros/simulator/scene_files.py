@@ -7,11 +7,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from softsim_core import SceneDescription, load_scene
+from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.overrides import read_overrides
-from softsim_core.scene.values import MeshFile
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
+from softsim_core.values import MeshFile
 
 Stamps = dict[Path, tuple[int, int] | None]
 
@@ -26,13 +26,13 @@ class SceneFiles:
         overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
     """
 
-    def __init__(self, scene: SceneDescription) -> None:
+    def __init__(self, robot: RobotDescription) -> None:
         self.overrides = ""
-        self._name, self._source = scene.name, scene.source
-        self._files = files_of(scene)
+        self._name, self._source = robot.name, robot.source
+        self._files = files_of(robot)
         self._loaded = self._seen = stamps(self._files)
 
-    def load(self) -> SceneDescription:
+    def load(self) -> RobotDescription:
         """The scene as its files are now.
 
         Raises:
@@ -57,17 +57,17 @@ class SceneFiles:
         return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
 
 
-def files_of(scene: SceneDescription) -> list[Path]:
+def files_of(robot: RobotDescription) -> list[Path]:
     """Every file that the scene was made of and that a person may edit."""
-    if scene.source is None:
+    if robot.source is None:
         return []
-    files = [scene.source]
-    if scene.source.suffix == ".py":
-        modules = (sys.modules[name] for name in _modules_beside(scene.source))
+    files = [robot.source]
+    if robot.source.suffix == ".py":
+        modules = (sys.modules[name] for name in _modules_beside(robot.source))
         files += [Path(module.__file__) for module in modules if module.__file__]
     else:
-        files += _extended(scene.source)
-    for body in scene.bodies:
+        files += _extended(robot.source)
+    for body in robot.scene.bodies:
         files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
     return list(dict.fromkeys(files))
 

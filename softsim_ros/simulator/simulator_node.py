@@ -20,7 +20,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core import SceneDescription, Simulation, load_scene
+from softsim_core import RobotDescription, Simulation, load_scene
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import RobotNode
@@ -30,10 +30,10 @@ from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.parameters import (
     StartParameters,
+    clear_overrides,
     declare_overrides,
     declare_parameters,
     declare_physics_again,
-    forget_overrides,
 )
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
@@ -63,12 +63,12 @@ class Simulator(RobotNode):
     _closed = False
     _applies_parameters = True
 
-    def _begin(self, scene: SceneDescription) -> None:
-        self._files = SceneFiles(scene)
+    def _begin(self, robot: RobotDescription) -> None:
+        self._files = SceneFiles(robot)
         self._files.overrides = declare_overrides(self)
         if self._files.overrides:
-            scene = self._files.load()
-        start = declare_parameters(self, scene, self.robot)
+            robot = self._files.load()
+        start = declare_parameters(self, robot, self.robot)
         simulation = self._build(start)
         self.joint_names = simulation.joint_names
         self._backend = simulation.backend
@@ -127,11 +127,11 @@ class Simulator(RobotNode):
         backend: Any = start.backend
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            trial = Simulation(dataclasses.replace(start.scene, controllers=()), backend=backend)
+            trial = Simulation(dataclasses.replace(start.robot, controllers=()), backend=backend)
             with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
                 trial.step()
             trial.von_mises()
-            simulation = Simulation(start.scene, backend=backend)
+            simulation = Simulation(start.robot, backend=backend)
         for sentence in dict.fromkeys(str(warning.message) for warning in caught):
             self.get_logger().warning(sentence)
         return simulation
@@ -233,7 +233,7 @@ class Simulator(RobotNode):
             simulation = self._build(after)
         except Exception as error:
             if declared:
-                self._start_parameters = declare_physics_again(self, before.scene, before)
+                self._start_parameters = declare_physics_again(self, before.robot, before)
             reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
             sentence = f"{NOT_LOADED}{reason}"
             self.physics.stop(sentence)
@@ -254,9 +254,9 @@ class Simulator(RobotNode):
         except SoftSimError:
             self._files = before
             raise
-        forget_overrides(self)
+        clear_overrides(self)
 
-    def _lay_over(self, overrides: str) -> None:
+    def _apply_overrides(self, overrides: str) -> None:
         """Begin the scene anew with other values laid over its files; wrong ones change nothing."""
         before = self._files.overrides
         self._files.overrides = overrides
@@ -303,7 +303,7 @@ class Simulator(RobotNode):
         elif name == "robot":
             self._change_scene(str(value))
         elif name == "overrides":
-            self._lay_over(str(value))
+            self._apply_overrides(str(value))
         elif name == "enforce_limits":
             self.physics.call(
                 lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False

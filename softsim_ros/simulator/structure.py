@@ -19,8 +19,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
 
-from softsim_core.dynamics.simulation import Simulation
-from softsim_core.mechanics.model import HELD
+from softsim_core.mechanics.model import FIXED
+from softsim_core.simulation import Simulation
 from softsim_ros import messages
 from softsim_ros.simulator.pacing import RateGate
 
@@ -69,7 +69,7 @@ def structure(simulation: Simulation, overrides: str = "") -> dict[str, Any]:
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
         rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`.
     """
-    scene, model = simulation.scene, simulation.model
+    scene, model, source = simulation.scene, simulation.model, simulation.robot.source
     bodies, point, triangle = [], 0, 0
     for body, description in zip(simulation.bodies, scene.bodies, strict=True):
         points, triangles = len(body.surface.points), len(body.surface.triangles)
@@ -86,14 +86,14 @@ def structure(simulation: Simulation, overrides: str = "") -> dict[str, Any]:
     targets = {attachment.name: attachment.to for attachment in scene.attachments}
     zones = [
         {"name": zone.name, "to": targets.get(zone.name, "free"), "nodes": zone.nodes.tolist()}
-        for zone in model.zones
+        for zone in model.regions
     ]
-    held = np.flatnonzero((model.zone_of_node == HELD) | (model.spring > 0.0))
+    held = np.flatnonzero((model.region_of_node == FIXED) | (model.spring > 0.0))
     if len(held):
         zones.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
     return {
         "name": scene.name,
-        "source": None if scene.source is None else str(scene.source),
+        "source": None if source is None else str(source),
         "overrides": overrides,
         "dt": simulation.dt,
         "frames": list(simulation.frames()),

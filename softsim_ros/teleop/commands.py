@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import listing
-from softsim_core.scene.description import Action, JointDescription, KeyBinding, SceneDescription
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.control import Action, KeyBinding
+from softsim_core.scene.description import JointDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.decoder import KEY_NAMES, KeyPress
 from softsim_ros.teleop.goal import GOAL_KEYS, GOAL_STEP_M, PublishGoal, move_goal
@@ -17,7 +19,7 @@ from softsim_ros.teleop.state import TeleopState, held_positions, with_command
 from softsim_ros.teleop.tilt import PublishTilt, turn_reference
 
 REPEAT_INTERVAL_S: Final = 0.1
-"""Shortest time in [s] between two effects of one key: a held key moves at most ten steps a second."""
+"""Shortest time in [s] between two effects of one key: a held key moves at most ten steps per second."""
 
 HOLD_GAP_S: Final = 0.75
 """A key seen again within this time in [s] is still held: longer than the delay before keys repeat."""
@@ -56,12 +58,12 @@ class Quit:
 Effect: TypeAlias = PublishCommand | PublishGoal | PublishTilt | CallAction | Quit
 
 
-def key_table(robot: SceneDescription) -> dict[str, KeyBinding]:
+def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
     """All bindings of a robot: its own, then the built-in ones it leaves free."""
     return {**robot.keys, **{key: binding for key, binding in BUILT_IN.items() if key not in robot.keys}}
 
 
-def unknown_keys(robot: SceneDescription) -> str | None:
+def unknown_keys(robot: RobotDescription) -> str | None:
     """A sentence about keys of the robot's file that no terminal sends, or None."""
     unknown = [key for key in robot.keys if key not in KEY_NAMES]
     if not unknown:
@@ -72,7 +74,7 @@ def unknown_keys(robot: SceneDescription) -> str | None:
 
 def press(
     state: TeleopState,
-    robot: SceneDescription,
+    robot: RobotDescription,
     key: KeyPress,
     now: float,
     repeat_interval_s: float = REPEAT_INTERVAL_S,
@@ -134,7 +136,7 @@ def _action(
     return replace(state, message=f"{key}: {action} ..."), (CallAction(action),)
 
 
-def _shortest_interval(robot: SceneDescription, binding: KeyBinding, repeat_interval_s: float) -> float:
+def _shortest_interval(robot: RobotDescription, binding: KeyBinding, repeat_interval_s: float) -> float:
     """Time in [s] between two steps, so that a held key moves no joint faster than its top speed."""
     speeds = [joint.limits.speed for joint in robot.joints if joint.name in binding.joints]
     return max(repeat_interval_s, *(abs(binding.by) / speed for speed in speeds), 0.0)
@@ -155,7 +157,7 @@ def _refusal(state: TeleopState, now: float) -> str:
 
 
 def _move(
-    state: TeleopState, robot: SceneDescription, binding: KeyBinding, now: float
+    state: TeleopState, robot: RobotDescription, binding: KeyBinding, now: float
 ) -> tuple[TeleopState, tuple[Effect, ...]]:
     assert state.measured is not None
     if binding.pose is not None:
@@ -177,7 +179,7 @@ def _move(
 
 
 def move_joint(
-    state: TeleopState, robot: SceneDescription, joint: str, position: float, now: float
+    state: TeleopState, robot: RobotDescription, joint: str, position: float, now: float
 ) -> tuple[TeleopState, tuple[Effect, ...]]:
     """The state after one joint was asked to a position, and what is to be done; the others hold.
 
@@ -198,7 +200,7 @@ def move_joint(
 
 def _command(
     state: TeleopState,
-    robot: SceneDescription,
+    robot: RobotDescription,
     wanted: Sequence[float],
     moved: Sequence[str],
     title: str,
@@ -210,13 +212,13 @@ def _command(
     return state, (PublishCommand(values),)
 
 
-def enforces_limits(state: TeleopState, robot: SceneDescription) -> bool:
+def enforces_limits(state: TeleopState, robot: RobotDescription) -> bool:
     """Whether joint limits hold: as the simulator says, or before it does, as the robot's file says."""
     return robot.commands.enforce_limits if state.enforce_limits is None else state.enforce_limits
 
 
 def _limited(
-    state: TeleopState, robot: SceneDescription, wanted: Sequence[float], moved: Sequence[str]
+    state: TeleopState, robot: RobotDescription, wanted: Sequence[float], moved: Sequence[str]
 ) -> tuple[tuple[float, ...], list[str]]:
     """The wanted positions, within enforced limits, and a note for each moved joint that stops there."""
     if not enforces_limits(state, robot):

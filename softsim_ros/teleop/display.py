@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.scene.description import JointDescription, KeyBinding, SceneDescription
+from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.description import JointDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import MILLIMETRE, degrees
 from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
 from softsim_ros.teleop.goal import GOAL_KEYS, goal_help, goal_line
@@ -41,7 +43,7 @@ class View:
         namespace: Of the robot's topics.
     """
 
-    robot: SceneDescription
+    robot: RobotDescription
     state: TeleopState
     now: float
     namespace: str
@@ -122,7 +124,7 @@ def _goal_line(view: View) -> str:
 
 
 def joint_rows(view: View, width: int) -> list[str]:
-    """A head and one line a joint: name, limits, bar, commanded and measured position, as wide as fits."""
+    """A head and one line per joint: name, limits, bar, commanded and measured position, as wide as fits."""
     joints, state = view.robot.joints, view.state
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, Protocol
 
 from rclpy.executors import Executor, TimeoutException
 
-from softsim_ros.teleop.decoder import KeyDecoder
-from softsim_ros.teleop.display import frame, render
+from softsim_ros.teleop.decoder import KeyDecoder, KeyPress
+from softsim_ros.teleop.display import View, frame, render
 from softsim_ros.teleop.terminal import RawTerminal
-
-if TYPE_CHECKING:
-    from softsim_ros.teleop.teleop_node import Teleop
 
 KEY_WAIT_S: Final = 0.04
 """Longest wait for a key in [s]; callbacks are served at least this often."""
@@ -24,7 +21,33 @@ TICK_INTERVAL_S: Final = 0.25
 _CALLBACKS_AT_ONCE = 32
 
 
-def run_teleop(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
+class DrivenByKeys(Protocol):
+    """What the loop asks of a node; a Teleop is one."""
+
+    @property
+    def context(self) -> Any:
+        """The node's rclpy context."""
+        ...
+
+    @property
+    def quit_requested(self) -> bool:
+        """Whether a key has asked to end."""
+        ...
+
+    def handle_key(self, key: KeyPress, now: float) -> None:
+        """Act on a key, `now` in [s]."""
+        ...
+
+    def tick(self, now: float) -> None:
+        """Housekeeping, a few times per second."""
+        ...
+
+    def view(self, now: float) -> View:
+        """What the terminal shows."""
+        ...
+
+
+def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
     """Drive the robot from a terminal until a key quits, the context shuts down or the terminal is gone.
 
     Args:
@@ -41,7 +64,7 @@ def run_teleop(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[]
         # a signal shut the context down in the middle of a call: an ordinary end
 
 
-def _run(node: Teleop, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
+def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
     decoder = KeyDecoder()
     shown: tuple[list[str], tuple[int, int]] | None = None
     next_draw = next_tick = time.monotonic()

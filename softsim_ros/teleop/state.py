@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 STALE_AFTER_S: Final = 2.0
 """Age in [s] from which measured positions are no longer a base for a command."""
@@ -110,7 +110,7 @@ def with_measurement(state: TeleopState, positions: Sequence[float], now: float)
 
 
 def with_heard_command(
-    state: TeleopState, robot: SceneDescription, values: Sequence[float], now: float
+    state: TeleopState, robot: RobotDescription, values: Sequence[float], now: float
 ) -> TeleopState:
     """The state after a command on the topic: our own changes nothing, another's becomes the newest."""
     heard = tuple(values)
@@ -124,7 +124,7 @@ def with_heard_command(
 
 
 def with_command(
-    state: TeleopState, robot: SceneDescription, values: tuple[float, ...], now: float, *, own: bool = False
+    state: TeleopState, robot: RobotDescription, values: tuple[float, ...], now: float, *, own: bool = False
 ) -> TeleopState:
     """The state once `values` are on their way to the joints; `own`: they will be heard back on the topic."""
     start = state.measured or values

@@ -18,8 +18,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.scene import SceneDescription, load_scene
-from softsim_core.scene.description import Action
+from softsim_core.scene import RobotDescription, load_scene
+from softsim_core.scene.control import Action
 from softsim_ros.runtime import ClosableNode, declare_number, declare_text, parameter_probe, run_node
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
@@ -75,7 +75,7 @@ class Teleop(ClosableNode):
             remapping on the command line wins over both).
     """
 
-    def __init__(self, robot: SceneDescription, name: str = "teleop", **node_options: Any) -> None:
+    def __init__(self, robot: RobotDescription, name: str = "teleop", **node_options: Any) -> None:
         super().__init__(name, **{"namespace": robot.name, **node_options})
         declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
         declare_number(
@@ -113,7 +113,7 @@ class Teleop(ClosableNode):
         self._pause = AsyncService(self, SetBool, "simulator/pause")
         self._inverse = InverseLink(self)
         self._tilt = TiltLink(self)
-        self._bridge = BridgeLink(self, self._on_bridge, self.say)
+        self._bridge = BridgeLink(self, self._on_bridge, self.set_status)
         self._simulator = SimulatorLink(self, self._on_simulator, self._on_enforced)
 
     def view(self, now: float) -> View:
@@ -124,7 +124,7 @@ class Teleop(ClosableNode):
     def _follow(self, now: float) -> None:
         self.state = self._tilt.follow(self._inverse.follow(self.state, now), now)
 
-    def say(self, message: str) -> None:
+    def set_status(self, message: str) -> None:
         """Show one sentence."""
         self.state = replace(self.state, message=message)
 
@@ -138,7 +138,7 @@ class Teleop(ClosableNode):
         self.carry_out(effects, now)
 
     def tick(self, now: float) -> None:
-        """Housekeeping a few times a second: the bridge's state, calls without an answer, a held command."""
+        """Housekeeping, several times per second: the bridge's state, unanswered calls, a held command."""
         self._hold(now)
         self._bridge.poll(now)
         self._simulator.poll(now)
@@ -192,18 +192,18 @@ class Teleop(ClosableNode):
 
         def answered(response: Any) -> None:
             if response is None:
-                self.say(f"{who}: no answer from {service.name}")
+                self.set_status(f"{who}: no answer from {service.name}")
             elif not response.success:
-                self.say(f"{who}: {response.message or 'refused without a reason'}")
+                self.set_status(f"{who}: {response.message or 'refused without a reason'}")
             else:
                 done()
                 if response.message:
-                    self.say(f"{who}: {response.message}")
+                    self.set_status(f"{who}: {response.message}")
 
         if service.is_busy:
-            self.say(f"{who}: still busy with {service.name}")
+            self.set_status(f"{who}: still busy with {service.name}")
         elif not service.is_there:
-            self.say(f"{who} is not running (no service {self.resolve_service_name(service.name)})")
+            self.set_status(f"{who} is not running (no service {self.resolve_service_name(service.name)})")
         else:
             service.call(request, now, answered)
 
@@ -212,20 +212,20 @@ class Teleop(ClosableNode):
         if start is not None and self.state.measured is not None:
             pose = self.robot.poses[start.pose]
             self.state = with_command(self.state, self.robot, tuple(pose), time.monotonic())
-        self.say("start pose")
+        self.set_status("start pose")
 
     def _on_reset(self) -> None:
         self.state = replace(self.state, commanded=None)
-        self.say("simulation reset")
+        self.set_status("simulation reset")
 
     def _on_paused(self, paused: bool) -> None:
         self.state = replace(self.state, simulator="paused" if paused else "running")
-        self.say("simulation paused" if paused else "simulation goes on")
+        self.set_status("simulation paused" if paused else "simulation goes on")
 
     def _on_inverse(self, enabled: bool) -> None:
         self.state = with_inverse(self.state, enabled)
         self._inverse.switched(time.monotonic())
-        self.say(f"inverse control is {'on' if enabled else 'off'}")
+        self.set_status(f"inverse control is {'on' if enabled else 'off'}")
 
     def _on_bridge(self, state: BridgeState) -> None:
         if state != self.state.bridge:
@@ -274,7 +274,8 @@ class Teleop(ClosableNode):
     def _order_of(self, names: Sequence[str]) -> list[int] | None:
         missing = [joint for joint in self.robot.joint_names if joint not in names]
         if missing:
-            self.say(f"joint_states of another robot: {', '.join(missing)} not in {', '.join(names) or 'it'}")
+            found = ", ".join(names) or "it"
+            self.set_status(f"joint_states of another robot: {', '.join(missing)} not in {found}")
             return None
         return [names.index(joint) for joint in self.robot.joint_names]
 
@@ -292,7 +293,7 @@ class Teleop(ClosableNode):
         if message.level < Log.WARN and not by_scene:
             return
         if "/" + space.replace(".", "/") == self.get_namespace().rstrip("/") and name != self.get_name():
-            self.say(f"{child}: {' '.join(message.msg.split())}")
+            self.set_status(f"{child}: {' '.join(message.msg.split())}")
 
 
 def requested_robot() -> str:

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.arrays import Array
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.messages import header
 from softsim_ros.teleop.commands import move_joint
 from softsim_ros.teleop.decoder import KeyPress
@@ -49,7 +49,7 @@ class Commander(Teleop):
 
     def __init__(
         self,
-        robot: SceneDescription,
+        robot: RobotDescription,
         name: str,
         on_values: Callable[[dict[str, Any]], None],
         **node_options: Any,
@@ -57,7 +57,7 @@ class Commander(Teleop):
         super().__init__(robot, name, **node_options)
         self.goal: EffectorPose | None = None
         self.pull_stiffness = 30.0
-        self.parameters = ParametersLink(self, on_values, self.say)
+        self.parameters = ParametersLink(self, on_values, self.set_status)
         self._step = AsyncService(self, Trigger, "simulator/step")
         self._reload = AsyncService(self, Trigger, "simulator/reload", 60.0)
         self._e_stop = AsyncService(self, Trigger, "servo_bridge/e_stop")
@@ -141,7 +141,7 @@ class Commander(Teleop):
 
     def choose_scene(self, name: str) -> None:
         """Run another robot or scene in place of this one."""
-        self.say(f"loading {name} ...")
+        self.set_status(f"loading {name} ...")
         self.parameters.set("robot", name)
 
     # --- servo board ----------------------------------------------------------------------------------

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.values import Placement
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.values import Placement
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.drive_tab import DriveTab
 from softsim_ros.viewer.log_tab import LogTab
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.readings import AMBER, GREEN, GREY, RED
 from softsim_ros.viewer.scene_tab import SceneTab
@@ -17,9 +18,6 @@ from softsim_ros.viewer.timing_tabs import PlotsTab, TimingTab
 from softsim_ros.viewer.tune_tab import TuneTab
 from softsim_ros.viewer.tuning import tunables
 from softsim_ros.viewer.view_tab import ViewTab
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 BRIDGE_LAMPS: Final = {"init": AMBER, "no-comm": AMBER, "comm": GREEN, "changing": AMBER}
 
@@ -34,7 +32,7 @@ class Controls:
         robot: The scene.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
         self._viewer = viewer
         self._status = Shown(gui.add_html(""))
         self._lamps = Shown(gui.add_html(""))
@@ -57,7 +55,7 @@ class Controls:
             self.scene = SceneTab(gui, inbox, viewer, robot)
 
     def refresh(self) -> None:
-        """Show the state; a few times a second."""
+        """Show the state; a few times per second."""
         viewer, state = self._viewer, self._viewer.state
         bad, known = state.simulator not in ("running", "paused"), viewer.diagnostics
         words = readings.progress(state.simulator, state.real_time_factor, known.time_s, known.dt)
@@ -82,18 +80,18 @@ class Controls:
         ]
 
 
-def have_same_controls(a: SceneDescription, b: SceneDescription) -> bool:
+def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
     """Whether the controls of one scene, but for the tab Scene, fit another one."""
     return _controlled(a) == _controlled(b)
 
 
-def _controlled(scene: SceneDescription) -> object:
+def _controlled(robot: RobotDescription) -> object:
     """What of a scene the controls show."""
-    joints = [replace(joint, base=Placement(), cable=None, kind="revolute") for joint in scene.joints]
-    return scene.name, [joint.kind for joint in scene.joints], joints, scene.keys, tunables(scene)
+    joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
+    return robot.name, [joint.kind for joint in robot.joints], joints, robot.keys, tunables(robot)
 
 
-def _add_run(gui: Any, inbox: Inbox, viewer: Viewer) -> None:
+def _add_run(gui: Any, inbox: Inbox, viewer: PageNode) -> None:
     """The row of buttons that run, pause, step, reset and reload the simulation."""
     actions = {
         "Run / pause": viewer.toggle_pause,

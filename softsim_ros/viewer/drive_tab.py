@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.teleop.commands import enforces_limits
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Control, Inbox, Shown
 from softsim_ros.viewer.units import joint_range, slider_value
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 
 class DriveTab:
@@ -26,7 +24,7 @@ class DriveTab:
         robot: The scene.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
         self._viewer, self._robot = viewer, robot
         self._bars = Shown(gui.add_html(""))
         self._sliders: list[Control] = []

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from softsim_core.scene.description import KeyBinding, SceneDescription
+from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.teleop.commands import key_table
 from softsim_ros.teleop.decoder import KeyPress
 
@@ -24,7 +25,7 @@ _NAMED: Final = {
 }
 
 
-def page_keys(robot: SceneDescription) -> dict[str, KeyBinding]:
+def page_keys(robot: RobotDescription) -> dict[str, KeyBinding]:
     """The bindings a page offers: all of the robot's but those that end a program."""
     return {name: binding for name, binding in key_table(robot).items() if binding.action != "quit"}
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softsim_core.arrays import Array, BoolArray, IndexArray
-from softsim_core.scene.description import AttachmentDescription, SceneDescription
+from softsim_core.scene.description import AttachmentDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines
 from softsim_ros.viewer.surface import MM
@@ -33,7 +34,7 @@ class InnerView:
         frames: Names of its frames, in the order of their poses.
     """
 
-    def __init__(self, scene: Any, robot: SceneDescription, frames: Sequence[str]) -> None:
+    def __init__(self, scene: Any, robot: RobotDescription, frames: Sequence[str]) -> None:
         self._scene, self._robot = scene, robot
         self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
         self._bodies: dict[str, slice] = {}
@@ -168,7 +169,7 @@ class InnerView:
         return arms
 
     def _boxes(self) -> list[Still]:
-        attachments = self._robot.attachments
+        attachments = self._robot.scene.attachments
         return [("boxes", f"attachments/{each.name}", self._region(each)) for each in attachments]
 
     def _region(self, attachment: AttachmentDescription) -> Any:

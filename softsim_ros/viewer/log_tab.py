@@ -5,14 +5,12 @@ from __future__ import annotations
 import html
 import time
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from softsim_ros.viewer.log_link import LogLine
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Shown
 from softsim_ros.viewer.readings import AMBER, RED, box
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 INFO, WARNING, ERROR = 20, 30, 40
 REFRESH_S: Final = 0.5
@@ -28,7 +26,7 @@ class LogTab:
         viewer: The node whose log is shown.
     """
 
-    def __init__(self, gui: Any, viewer: Viewer) -> None:
+    def __init__(self, gui: Any, viewer: PageNode) -> None:
         self._viewer = viewer
         self._lines = Shown(gui.add_html(""))
         self._said = ""

@@ -18,7 +18,7 @@ from std_msgs.msg import String, UInt32MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from softsim_core.arrays import Array
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.messages import read_point_cloud
 from softsim_ros.teleop.state import EffectorPose
@@ -105,7 +105,7 @@ class Picture:
 
     # --- a scene --------------------------------------------------------------------------------------
 
-    def build(self, robot: SceneDescription) -> None:
+    def build(self, robot: RobotDescription) -> None:
         """Make the stage of a scene on the server's empty 3-D scene; a scene loaded anew keeps its view."""
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view

@@ -1,4 +1,4 @@
-"""Curves of the last half minute: joints, effector error, efforts, milliseconds a stage."""
+"""Curves of the last half minute: joints, effector error, efforts, milliseconds per stage."""
 
 from __future__ import annotations
 

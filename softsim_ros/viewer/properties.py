@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.actuation import ActuatorDescription
+from softsim_core.scene.file_keys import is_beside
+from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.overrides import Item
+from softsim_core.scene.robot import RobotDescription
 
 _LISTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
 """Lists of parts, which are properties only where they are empty."""
@@ -37,26 +40,25 @@ class Part:
     editable: Mapping[str, Any] = field(default_factory=dict)
 
 
-def parts_of(scene: SceneDescription) -> dict[str, Part]:
+def parts_of(robot: RobotDescription) -> dict[str, Part]:
     """Every part of a scene by its path, the scene itself first."""
     found: dict[str, Part] = {}
-    _visit(scene, scene.name, (), found)
+    _visit(robot, robot.name, (), found)
     return found
 
 
 def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: dict[str, Part]) -> None:
     """Add a description and the descriptions in it."""
-    summary, helps = documentation(type(value))
+    summary = documentation(type(value))[0]
     rows: list[tuple[str, str, str]] = []
     inner: list[tuple[str, tuple[str | Item, ...] | None, Any]] = []
     editable: dict[str, Any] = {}
-    for described in dataclasses.fields(value):
-        content = getattr(value, described.name)
-        if described.name in _SKIPPED:
+    for key, content, text in _contents(value):
+        if key in _SKIPPED:
             continue
-        below = f"{path}/{described.name}"
-        there = None if steps is None else (*steps, described.name)
-        if dataclasses.is_dataclass(content):
+        below = f"{path}/{key}"
+        there = None if steps is None else (*steps, key)
+        if dataclasses.is_dataclass(content) or isinstance(content, MaterialDescription):
             inner.append((below, there, content))
         elif isinstance(content, tuple) and content and dataclasses.is_dataclass(content[0]):
             for i, each in enumerate(content):
@@ -64,12 +66,31 @@ def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: d
                 item = None if there is None or name is None else (*there, Item(name))
                 inner.append((f"{below}/{name or getattr(each, 'joint', i)}", item, each))
         else:
-            rows.append((described.name, value_text(content), helps.get(described.name, "")))
-            if steps is not None and described.name not in _LISTS and _is_plain(content):
-                editable[described.name] = content
+            rows.append((key, value_text(content), text))
+            if steps is not None and key not in _LISTS and _is_plain(content):
+                editable[key] = content
     found[path] = Part(path, summary, tuple(rows), steps, editable)
     for below, there, content in inner:
         _visit(content, below, there, found)
+
+
+def _contents(value: Any) -> Iterator[tuple[str, Any, str]]:
+    """Keys of a description in files, contents and help texts; those of one that stands beside it too."""
+    if isinstance(value, MaterialDescription):
+        for parameter in value.law_for("polar").parameters:
+            unit = "" if parameter.unit == "-" else f" in {parameter.unit}"
+            text = f"{parameter.description}{unit}, {parameter.allowed}"
+            yield parameter.name, value.values[parameter.name], text
+        return
+    helps = documentation(type(value))[1]
+    for described in dataclasses.fields(value):
+        content = getattr(value, described.name)
+        if is_beside(described):
+            yield from _contents(content)
+        elif isinstance(content, ActuatorDescription):
+            yield content.kind, content, ""
+        elif described.name != "actuator":
+            yield described.name, content, helps.get(described.name, "")
 
 
 def _is_plain(value: Any) -> bool:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
-from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.files import known_scenes
 from softsim_core.scene.location import locate
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.part_panel import PartPanel
 from softsim_ros.viewer.part_tree import PartTree
 from softsim_ros.viewer.properties import Part, parts_of
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 
 def joint_at(path: str) -> str | None:
@@ -34,14 +32,14 @@ class SceneTab:
         robot: The scene.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
         self._gui, self._inbox, self._viewer = gui, inbox, viewer
         self._folder = gui.add_folder(None)
         self._content: list[Any] = []
         self._selected = robot.name
         self.show(robot)
 
-    def show(self, robot: SceneDescription) -> None:
+    def show(self, robot: RobotDescription) -> None:
         """Show another scene, or the same one with changes; the selected part stays, where there is one."""
         for handle in self._content:
             handle.remove()
@@ -49,7 +47,7 @@ class SceneTab:
         self._parts, self._source = parts_of(robot), robot.source
         with self._folder:
             self._content = self._chooser()
-            self._panel = PartPanel(gui, self._inbox, viewer.lay_over, viewer.say)
+            self._panel = PartPanel(gui, self._inbox, viewer.apply_overrides, viewer.set_status)
             picture = viewer.picture
             self._tree = PartTree(
                 gui, self._inbox, self._parts, robot.shown_parts, self._select, picture.hide
@@ -83,7 +81,7 @@ class SceneTab:
         with folder:
             words = f"Laid over it; to keep it, write it into the file:<pre>{html.escape(changes)}</pre>"
             gui.add_html(f'<div style="font-size:0.85em;padding:0 0.7em">{words}</div>')
-            self._inbox.on_click(gui.add_button("Forget changes"), self._viewer.forget_changes)
+            self._inbox.on_click(gui.add_button("Forget changes"), self._viewer.clear_overrides)
         return [folder]
 
     def _select(self, path: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.teleop.state import EffectorPose
 from softsim_ros.viewer.collision_view import CollisionView
@@ -47,7 +47,7 @@ class Stage:
         self,
         server: Any,
         inbox: Inbox,
-        robot: SceneDescription,
+        robot: RobotDescription,
         frames: list[str],
         on_goal: Callable[[EffectorPose], None],
         *,
@@ -78,7 +78,7 @@ class Stage:
         self.surface = SurfaceView(scene, self._on_mesh)
         self.normals = NormalsView(scene)
         self.inner = InnerView(scene, robot, frames)
-        cables = dict(enumerate(joint.name for joint in robot.joints if joint.kind == "cable"))
+        cables = dict(enumerate(joint.name for joint in robot.joints if not joint.moves_frame))
         self.cables = MarkerView(scene, "cables", part_of=lambda _, number: f"joints/{cables.get(number)}")
         self.contacts = MarkerView(scene, "contacts")
         self.collisions = CollisionView(scene)

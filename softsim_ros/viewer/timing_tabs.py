@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.plots import Curves
 from softsim_ros.viewer.profiler import ProfilerView
 from softsim_ros.viewer.stage_tables import stage_table
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 
 class PlotsTab:
@@ -23,7 +21,7 @@ class PlotsTab:
         robot: The scene.
     """
 
-    def __init__(self, gui: Any, viewer: Viewer, robot: SceneDescription) -> None:
+    def __init__(self, gui: Any, viewer: PageNode, robot: RobotDescription) -> None:
         self._viewer, self._robot = viewer, robot
         charts = {
             "positions": ("Joint positions [rad or m]", robot.joint_names),
@@ -62,7 +60,7 @@ class TimingTab:
         viewer: The node whose diagnostics are shown.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode) -> None:
         self._viewer = viewer
         self._stages = Shown(gui.add_html(""))
         self._profiler = ProfilerView(gui, inbox)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Control, Inbox
 from softsim_ros.viewer.tuning import Tunable, tunables
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.viewer_node import Viewer
 
 
 class TuneTab:
@@ -24,7 +22,7 @@ class TuneTab:
         robot: The scene.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer, robot: SceneDescription) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
         self._controls: dict[str, tuple[Tunable, Control]] = {}
         for tunable in tunables(robot):
             if tunable.is_switch:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from softsim_core.scene.description import SceneDescription
+from softsim_core.fem.materials import MaterialParameter
+from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.robot import RobotDescription
 
 KILO: Final = 1000.0
 YOUNG_KPA: Final = (10.0, 2000.0)
@@ -50,8 +52,9 @@ class Tunable:
         return min(max(round(float(value) / self.scale, 9), self.lower), self.upper)
 
 
-def tunables(scene: SceneDescription) -> list[Tunable]:
+def tunables(robot: RobotDescription) -> list[Tunable]:
     """Speed, limits, material of each body, damping."""
+    scene = robot.scene
     found = [
         Tunable(
             "speed", "Speed [× real time]", "0 is as fast as possible", 1.0, lower=0.0, upper=4.0, step=0.05
@@ -60,35 +63,13 @@ def tunables(scene: SceneDescription) -> list[Tunable]:
             "enforce_limits",
             "Keep joint limits",
             "off allows full turns, in simulation only",
-            scene.commands.enforce_limits,
+            robot.commands.enforce_limits,
         ),
     ]
     for body in scene.bodies:
         prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
-        young = body.material.young_modulus / KILO
-        found.append(
-            Tunable(
-                f"{prefix}young_modulus",
-                f"Young modulus of {body.name} [kPa]",
-                "how stiff the material is",
-                young,
-                lower=min(YOUNG_KPA[0], young / 10.0),
-                upper=max(YOUNG_KPA[1], young * 4.0),
-                step=1.0,
-                scale=KILO,
-            )
-        )
-        found.append(
-            Tunable(
-                f"{prefix}poisson_ratio",
-                f"Poisson ratio of {body.name}",
-                "0.5 keeps the volume",
-                body.material.poisson_ratio,
-                lower=min(0.0, body.material.poisson_ratio),
-                upper=max(0.495, body.material.poisson_ratio),
-                step=0.005,
-            )
-        )
+        for parameter in body.material.law_for(scene.solver.rotation).parameters:
+            found.append(_material_parameter(body, parameter, prefix))
     found.append(
         Tunable(
             "rayleigh_stiffness",
@@ -112,3 +93,32 @@ def tunables(scene: SceneDescription) -> list[Tunable]:
         )
     )
     return found
+
+
+def _material_parameter(body: BodyDescription, parameter: MaterialParameter, prefix: str) -> Tunable:
+    """The slider of a parameter of a body's law; pressures are shown in [kPa]."""
+    value, name = body.material.values[parameter.name], parameter.name
+    if name == "poisson_ratio":
+        return Tunable(
+            f"{prefix}{name}",
+            f"Poisson ratio of {body.name}",
+            "0.5 keeps the volume",
+            value,
+            lower=min(0.0, value),
+            upper=max(0.495, value),
+            step=0.005,
+        )
+    scale, unit = (KILO, "kPa") if parameter.unit == "Pa" else (1.0, parameter.unit)
+    young = name == "young_modulus"
+    shown = value / scale
+    lower, upper = YOUNG_KPA if young else (shown / 10.0, shown * 4.0)
+    return Tunable(
+        f"{prefix}{name}",
+        f"{parameter.description} of {body.name} [{unit}]",
+        "how stiff the material is" if young else parameter.description,
+        shown,
+        lower=min(lower, shown / 10.0, shown * 4.0),
+        upper=max(upper, shown / 10.0, shown * 4.0),
+        step=1.0 if young else 0.01 * abs(shown) or 0.01,
+        scale=scale,
+    )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.layers import LAYERS
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.saved_view import view_file
 from softsim_ros.viewer.surface import MM
@@ -14,7 +15,6 @@ from softsim_ros.viewer.tuning import KILO
 
 if TYPE_CHECKING:
     from softsim_ros.viewer.picture import Picture
-    from softsim_ros.viewer.viewer_node import Viewer
 
 NODE_SIZES: Final = (0.2, 5.0, 0.1)
 """Range and step of the size at which nodes are drawn, in [mm]."""
@@ -29,7 +29,7 @@ class ViewTab:
         viewer: The node; its picture is what is switched.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: Viewer) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode) -> None:
         self._viewer, picture = viewer, viewer.picture
         view = picture.view
         self._legend = Shown(gui.add_html(""))
@@ -66,7 +66,7 @@ def _switch(picture: Picture, layer: str, shown: bool) -> None:
     picture.change(**{layer: shown})
 
 
-async def _save_view(inbox: Inbox, viewer: Viewer, event: Any) -> None:
+async def _save_view(inbox: Inbox, viewer: PageNode, event: Any) -> None:
     """Keep the camera of the browser that asked, and give it the view as a file."""
     client = event.client
     if client is None:

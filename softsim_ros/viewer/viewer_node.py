@@ -8,7 +8,7 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -17,14 +17,14 @@ from sensor_msgs.msg import JointState
 
 from softsim_core.errors import SoftSimError
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.overrides import laid_over, read_overrides, write_overrides
+from softsim_core.scene.overrides import read_overrides
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.runtime import run_node
 from softsim_ros.teleop.loop import ready_callbacks
-from softsim_ros.viewer.commander import Commander
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, is_loopback
+from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.picture import Picture
 from softsim_ros.viewer.requested import ViewerSettings, requested_settings
@@ -34,7 +34,7 @@ TICK_PERIOD_S: Final = 0.1
 PLOT_PERIOD_S: Final = 0.2
 
 
-class Viewer(Commander):
+class Viewer(PageNode):
     """A teleop whose keys and display are a web page; see `frame` for its loop.
 
     Topics in besides the commander's: those of Picture and DiagnosticsLink.
@@ -50,15 +50,15 @@ class Viewer(Commander):
 
     controls: Controls
 
-    def __init__(self, robot: SceneDescription, settings: ViewerSettings, **node_options: Any) -> None:
+    def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
         self._settings = settings = settings.declare(self)
         token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._inbox = Inbox()
-        self.scene_name = robot.name
-        self.efforts: Sequence[float] = ()
+        self.scene_name, self.efforts = robot.name, ()
+        self.is_local = is_loopback(settings.host)
         self.diagnostics = DiagnosticsLink(self)
         self.picture = Picture(
             self,
@@ -71,18 +71,13 @@ class Viewer(Commander):
         )
         self._started_at = time.monotonic()
         self._next_tick = self._next_plot = 0.0
-        self._controlled: SceneDescription | None = None
+        self._controlled: RobotDescription | None = None
         self._build_page()
 
     @property
     def address(self) -> str:
         """What a person opens in a browser."""
         return self._server.rule.address
-
-    @property
-    def is_local(self) -> bool:
-        """Whether only browsers of this machine see the page."""
-        return is_loopback(self._settings.host)
 
     @property
     def is_orphan(self) -> bool:
@@ -119,21 +114,12 @@ class Viewer(Commander):
             try:
                 self.robot = load_scene(source, read_overrides(self.picture.overrides))
             except SoftSimError as error:
-                self.say(str(error))
+                self.set_status(str(error))
         self.scene_name = self.robot.name
         self._joint_order = ((), None)
         self.efforts = ()
         self.state = replace(self.state, measured=None, commanded=None, measured_at=-math.inf)
         self._build_page()
-
-    def lay_over(self, changes: Mapping[str, Any]) -> None:
-        """Have the scene begin anew with more values laid over its file."""
-        wanted = laid_over(read_overrides(self.picture.overrides), changes)
-        self.parameters.set("overrides", write_overrides(wanted))
-
-    def forget_changes(self) -> None:
-        """Have the scene begin anew as its file says."""
-        self.parameters.set("overrides", "")
 
     def _on_joint_states(self, message: JointState) -> None:
         super()._on_joint_states(message)
@@ -144,7 +130,7 @@ class Viewer(Commander):
     # --- the loop -------------------------------------------------------------------------------------
 
     def frame(self, now: float) -> None:
-        """Serve what browsers did, then show what arrived; about 30 times a second, `now` in [s]."""
+        """Serve what browsers did, then show what arrived; about 30 times per second, `now` in [s]."""
         stage = self.picture.stage
         stage.now = now
         for action in self._inbox.take():

@@ -6,11 +6,11 @@ from typing import Any
 
 from small_scenes import body, scene, slab
 
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.actuation.cable import CableDescription
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.description import JointDescription, SceneDescription
-from softsim_core.scene.objects import CableDescription
-from softsim_core.scene.values import Placement
+from softsim_core.values import Placement
 
 POINTS = tuple((0.001 + 0.014 * k, 0.0, 0.004) for k in range(7))
 """Along a bar of 0.1 m, 4 mm above its middle."""
@@ -20,7 +20,7 @@ def cable_joint(name: str = "tendon", **fields: Any) -> JointDescription:
     """A joint that pulls a cable through POINTS of `bar`."""
     limits = fields.pop("limits", None) or JointLimits(lower=0.0, upper=0.03)
     cable = CableDescription(**{"body": "bar", "points": POINTS, **fields})
-    return JointDescription(name=name, kind="cable", limits=limits, cable=cable)
+    return JointDescription(name=name, kind="cable", limits=limits, actuator=cable)
 
 
 def bent_bar(

@@ -9,9 +9,11 @@ import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import BodyDescription, SceneDescription, SolverSettings
-from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription, Shape
-from softsim_core.scene.values import Placement
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import Placement
 
 GRAVITY = 9.81
 DISTANCE = 0.001

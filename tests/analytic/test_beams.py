@@ -10,7 +10,7 @@ from closed_forms import BEAM_LOCKING, tip_deflection, uniaxial_stretch
 from small_scenes import body, scene, slab
 
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.dynamics.stepper import Inputs
+from softsim_core.mechanics.control import Control
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.scene.builder import build
 
@@ -45,7 +45,7 @@ def deflection_ratio(mesh: TetMesh, poisson_ratio: float) -> float:
     forces = np.zeros_like(mesh.points)
     forces[tip, 2] = expected / tip_deflection(1.0, LENGTH, HEIGHT, HEIGHT, YOUNG) / len(tip)
     solution = solve_static(
-        built.model, built.model.rest_state(), Inputs(np.zeros(0), forces), built.parameters
+        built.model, built.model.rest_state(), Control(np.zeros(0), forces), built.parameters
     )
     return float((solution.state.positions - mesh.points)[tip, 2].mean() / expected)
 
@@ -86,7 +86,7 @@ def test_bar_under_a_pull(law: str, force: float, tolerance: float) -> None:
             forces[face, 0] += force / area * 0.5 * np.linalg.norm(np.cross(b - a, c - a)) / 3.0
     assert forces.sum() == pytest.approx(force)
     solution = solve_static(
-        built.model, built.model.rest_state(), Inputs(np.zeros(0), forces), built.parameters
+        built.model, built.model.rest_state(), Control(np.zeros(0), forces), built.parameters
     )
     strain = uniaxial_stretch(force, area, YOUNG)
     moved = solution.state.positions - mesh.points

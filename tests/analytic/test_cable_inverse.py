@@ -46,8 +46,8 @@ def test_sensitivity_is_that_of_equilibria(travels: tuple[float, ...]) -> None:
 def test_a_reachable_tip_goal_is_reached_by_pulling_only(travels: tuple[float, ...]) -> None:
     pytest.importorskip("daqp")
     goal = tip_goal(travels)
-    settings = replace(finger().scene.inverse, orientation_weights=(0.0, 0.0, 0.0))
-    controller = InverseController(replace(finger().scene, inverse=settings))
+    settings = replace(finger().robot.inverse, orientation_weights=(0.0, 0.0, 0.0))
+    controller = InverseController(finger().scene, settings)
     controller.start([0.001, 0.001, 0.001], 0.0)
     controller.set_goal(goal)
     for _ in range(300):

@@ -7,7 +7,8 @@ import pytest
 from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.dynamics import Backend
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.description import JointDescription, SceneDescription
 
 FLOATING = (0.0, 0.0, 0.0)
@@ -24,7 +25,7 @@ def settled(scene: SceneDescription, command: list[float], steps: int = 250) -> 
 
 def test_the_cable_is_as_short_as_commanded_and_the_bar_bends_towards_it() -> None:
     sim = settled(bent_bar(gravity=FLOATING), [0.006])
-    assert sim.cables[0].length == pytest.approx(0.084 - 0.006, abs=1e-8)
+    assert sim.actuators[0].length == pytest.approx(0.084 - 0.006, abs=1e-8)
     assert sim.joint_efforts[0] > 0.1
     assert sim.positions[:, 2].max() > 0.02
 
@@ -48,15 +49,34 @@ def test_a_tension_never_exceeds_its_limit() -> None:
         sim.step()
         assert 0.0 <= sim.joint_efforts[0] <= cap * (1.0 + 1e-12)
     assert sim.joint_efforts[0] == pytest.approx(cap, rel=1e-9)
-    assert sim.cables[0].length > 0.084 - 0.012 + 1e-4  # it gives way
+    assert sim.actuators[0].length > 0.084 - 0.012 + 1e-4  # it gives way
 
 
 def test_a_slack_cable_has_no_tension_and_no_say() -> None:
     sim = settled(bent_bar(gravity=(0.0, 0.0, 3.0)), [0.0])  # gravity shortens its way
     bare = bent_bar(cable_joint(control="force"), gravity=(0.0, 0.0, 3.0))
     assert sim.joint_efforts[0] == 0.0
-    assert sim.cables[0].length < 0.084
+    assert sim.actuators[0].length < 0.084
     assert np.abs(sim.positions - settled(bare, [0.0]).positions).max() < 1e-12
+
+
+@pytest.mark.parametrize("command", [0.012, 0.0])  # at its largest tension, and slack
+def test_the_position_of_a_cable_is_how_much_shorter_it_is(command: float, backend: Backend) -> None:
+    gravity = FLOATING if command else (0.0, 0.0, 3.0)
+    sim = Simulation(bent_bar(cable_joint(max_tension=0.3), gravity=gravity), backend)
+    sim.command([command])
+    for _ in range(150):
+        before = sim.actuators[0].length
+        sim.step()
+    tension, length = sim.joint_efforts[0], sim.actuators[0].length
+    assert tension == (0.3 if command else 0.0)
+    assert sim.joint_positions[0] == pytest.approx(0.084 - length, abs=1e-15)
+    assert sim.joint_velocities[0] * sim.dt == pytest.approx(before - length, abs=1e-15)
+    assert abs(sim.joint_positions[0] - command) > 1e-5
+    assert sim.joint_targets[0] == command
+    still = sim.equilibrium([command]).state
+    assert still.joint_efforts[0] == pytest.approx(tension, rel=1e-12)
+    assert still.joint_positions[0] == pytest.approx(sim.joint_positions[0], abs=1e-7)
 
 
 def test_both_steps_agree_with_a_cable() -> None:
@@ -90,7 +110,7 @@ def test_slides_carry_base_and_pull_point_and_the_cable_keeps_its_length() -> No
         there.step()
     shift = np.array([0.0, -0.02, 0.03])
     assert np.abs(there.positions - here.positions - shift).max() < 1e-7
-    a, b = here.cables[0], there.cables[0]
+    a, b = here.actuators[0], there.actuators[0]
     assert np.abs(b.points - a.points - shift).max() < 1e-7
     assert b.length == pytest.approx(a.length, abs=1e-9)
     assert b.tension == pytest.approx(a.tension, rel=1e-5)
@@ -98,8 +118,8 @@ def test_slides_carry_base_and_pull_point_and_the_cable_keeps_its_length() -> No
 
 def test_while_it_slides_the_cable_stays_as_short_as_commanded() -> None:
     sim = settled(carriage(), [0.004, 0.0, 0.0], 150)
-    length = sim.cables[0].length
+    length = sim.actuators[0].length
     for k in range(50):
         sim.command([0.004, 0.0005 * k, 0.0003 * k])
         sim.step()
-        assert sim.cables[0].length == pytest.approx(length, abs=2e-6)
+        assert sim.actuators[0].length == pytest.approx(length, abs=2e-6)

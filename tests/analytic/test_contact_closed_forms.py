@@ -12,8 +12,8 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from softsim_core.contact import CollisionSurface, Detector, Proximities
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import SurfaceMesh, boundary_surface, box_mesh
-from softsim_core.scene.objects import ContactSettings
 
 REACH = 0.006
 

@@ -14,9 +14,9 @@ from small_scenes import body, slab
 from softsim_core import Simulation
 from softsim_core.mechanics.pose import rotation_of
 from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import AttachmentDescription
-from softsim_core.scene.objects import Shape
-from softsim_core.scene.values import Box
+from softsim_core.values import Box
 
 
 def spun(sim: Simulation, velocity: tuple[float, ...]) -> None:
@@ -51,14 +51,12 @@ def tumbling(dt: float, steps: int) -> tuple[list[float], list[Any]]:
     return energies, momenta
 
 
-def test_a_tumbling_box_gains_no_energy_and_keeps_its_momentum_as_the_step_shrinks() -> None:
-    drifts = []
+def test_a_tumbling_box_gains_no_energy_and_keeps_its_momentum_whatever_the_step() -> None:
     for dt, steps in ((0.01, 200), (0.001, 2000)):
         energies, momenta = tumbling(dt, steps)
         assert max(energies) <= energies[0] * (1.0 + 1e-6)
-        drifts.append(np.linalg.norm(np.subtract(momenta[-1], momenta[0])) / np.linalg.norm(momenta[0]))
-    assert drifts[1] < 0.02
-    assert drifts[1] < 0.2 * drifts[0]
+        drift = np.linalg.norm(np.subtract(momenta[-1], momenta[0])) / np.linalg.norm(momenta[0])
+        assert drift < 1e-10
 
 
 def test_a_box_spins_on_about_a_principal_axis_without_loss() -> None:

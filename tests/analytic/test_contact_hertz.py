@@ -15,14 +15,16 @@ from half_space import half_ball
 from small_scenes import body
 
 from softsim_core import Simulation
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import (
     AttachmentDescription,
     JointDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription, Shape
-from softsim_core.scene.values import Box, Placement
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import Box, Placement
 
 RADIUS, DEPTH = 0.02, 0.0005
 CONTACT_RADIUS = math.sqrt(RADIUS * DEPTH)
@@ -31,7 +33,7 @@ DISTANCE = 1e-5
 """Contact distance in [m]: it makes the ball larger by as much."""
 
 
-def held_border(reach: float) -> tuple[Box, ...]:
+def held_reduced(reach: float) -> tuple[Box, ...]:
     """Everything more than `reach` [m] below or aside of the origin, as boxes that do not overlap."""
     far = 20.0 * reach
     middle = 0.5 * far - reach
@@ -61,7 +63,7 @@ def pressed() -> SceneDescription:
         bodies=(body(ground, "ground", young_modulus=YOUNG, poisson_ratio=POISSON, total_mass=0.001),),
         attachments=tuple(
             AttachmentDescription(name=f"held_{k}", body="ground", to="world", box=box)
-            for k, box in enumerate(held_border(45.0 * CONTACT_RADIUS))
+            for k, box in enumerate(held_reduced(45.0 * CONTACT_RADIUS))
         ),
         joints=(JointDescription(name="press", kind="prismatic", axis=(0.0, 0.0, 1.0)),),
         rigid_bodies=(ball,),

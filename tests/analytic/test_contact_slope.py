@@ -11,7 +11,7 @@ from small_scenes import body
 
 from softsim_core import Simulation
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.objects import Shape
+from softsim_core.mesh.shapes import Shape
 
 FRICTION = 0.3
 BLOCK = loose("block", Shape(box=(0.04, 0.04, 0.04)), 0.02 + DISTANCE)

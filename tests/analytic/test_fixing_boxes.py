@@ -22,7 +22,7 @@ def test_each_arm_can_be_held_by_a_moved_and_turned_box(arm_deg: float, turn_deg
     scene = load_scene("tripod_step_3", {"attachments": [{"name": "fixing_box", "box": box}]})
     simulation = Simulation(scene, backend="scipy")
     rest = simulation.positions.copy()
-    asked = scene.attachments[0].box
+    asked = scene.scene.attachments[0].box
     assert asked is not None
     held = nodes_in(asked, rest)
     assert 0 < len(held) < len(rest)

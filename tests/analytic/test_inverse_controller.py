@@ -12,8 +12,10 @@ from softsim_core import Pose, Simulation, load_scene
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
 from softsim_core.inverse.controller import InverseController, InverseReport
+from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.static import effector, place
-from softsim_core.scene.description import InverseSettings, MaterialDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.material import MaterialDescription
 
 STEP = 3.5 * 0.01
 """Speed limit of a servo in [rad] a tick."""
@@ -67,6 +69,24 @@ def test_200_goals_within_half_a_second_from_the_start_pose(
             report = controller.tick()
             assert_kept(before, report)
             before = report.command
+        assert report.residual_m <= 1e-4
+        assert report.status == "reached"
+
+
+@pytest.mark.numba
+def test_goals_with_the_qr_law() -> None:
+    """Its sensitivities are those of `polar` at the same state; the model that is steered is `qr` itself."""
+    pytest.importorskip("numba")
+    scene = load_scene("tripod", kind="robots")
+    scene = scene.with_scene(solver=replace(scene.scene.solver, rotation="qr"))
+    controller = InverseController(scene)
+    controller.start(START, SHIFT)
+    at_start = controller.model.snapshot()
+    for _, goal in goals(5, seed=3, reach=0.5):
+        begin(controller, at_start)
+        controller.set_goal(goal)
+        for _ in range(200):
+            report = controller.tick()
         assert report.residual_m <= 1e-4
         assert report.status == "reached"
 
@@ -209,6 +229,31 @@ def test_other_tasks_settle_and_speak_in_their_units(kind: str) -> None:
         assert report.residual_rad < 1e-5
 
 
+@pytest.mark.parametrize("kind", ["singular", "not a number"])
+def test_an_old_sensitivity_is_told_with_its_age(
+    controller: InverseController, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    def none_exists(model: Simulation, settings: InverseSettings) -> Sensitivity:
+        if kind == "singular":
+            raise np.linalg.LinAlgError("a branch of equilibria")
+        return Sensitivity(np.full((6, 3), np.nan), np.full((3, 3), np.nan))
+
+    controller.set_goal(ahead(controller, z=0.004))
+    assert controller.tick().sensitivity_age == 0
+    with monkeypatch.context() as patched:
+        patched.setattr("softsim_core.inverse.controller.sensitivity_of", none_exists)
+        reports = [controller.tick() for _ in range(3)]
+    assert [report.sensitivity_age for report in reports] == [1, 2, 3]
+    assert reports[0].sentence.endswith("; the sensitivity is 1 tick old, as none exists at this pose")
+    assert reports[2].sentence.endswith("; the sensitivity is 3 ticks old, as none exists at this pose")
+    assert all(report.status in ("moving", "reached") for report in reports)
+    fresh = controller.tick()
+    assert fresh.sensitivity_age == 0
+    assert "sensitivity" not in fresh.sentence
+    controller.set_goal(None)
+    assert controller.tick().sensitivity_age == 0
+
+
 def test_a_torque_limit_is_kept_and_named() -> None:
     scene = load_scene("tripod", kind="robots")
     free = InverseController(scene)
@@ -251,11 +296,11 @@ def test_the_sampled_back_end_reaches_a_goal() -> None:
 def plant(factor: float) -> Simulation:
     """The Tripod at its start pose with another Young modulus."""
     scene = load_scene("tripod", kind="robots")
-    (silicone,) = scene.bodies
+    (silicone,) = scene.scene.bodies
     modulus = factor * silicone.material.young_modulus
     material = MaterialDescription(young_modulus=modulus, poisson_ratio=silicone.material.poisson_ratio)
     changed = replace(silicone, material=material, surface=None)
-    simulation = Simulation(replace(scene, bodies=(changed,), start=None))
+    simulation = Simulation(replace(scene.scene, bodies=(changed,)))
     simulation.enforce_limits = False
     return simulation
 

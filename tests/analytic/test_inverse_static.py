@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from inverse_goals import LOWER, UPPER, goals, tripod_at_start
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.inverse.sensitivity import analytic_sensitivity
 from softsim_core.inverse.static import solve_pose
 from softsim_core.inverse.tasks import PositionTask, task_for
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import InverseSettings, JointDescription, SceneDescription
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 
 @pytest.mark.slow
@@ -100,7 +100,9 @@ def test_two_slides_and_one_coordinate_pick_the_least_effort() -> None:
 def test_without_effort_weight_redundant_joints_stay_near_the_posture() -> None:
     posture = (0.005, -0.001)
     settings = InverseSettings(effort_weight=0.0, posture_weight=1e-6, posture="wanted")
-    sim = Simulation(replace(bar(), poses={"wanted": posture}, inverse=settings), backend="scipy")
+    sim = Simulation(
+        RobotDescription(scene=bar(), poses={"wanted": posture}, inverse=settings), backend="scipy"
+    )
     sim.settle([0.0, 0.0])
     x = sim.frames()["middle"].position
     found = solve_pose(sim, PositionTask(x + np.array([0.002, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])))

@@ -10,13 +10,14 @@ from closed_forms import torsion_pendulum_angle, weight_torque
 from small_scenes import GRAVITY, body, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.dynamics.bases import SPEED
+from softsim_core.dynamics import Backend
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.dynamics.stepper import Inputs
+from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_exp, rotation_log, rotation_of
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import Backend, JointDescription, SceneDescription
-from softsim_core.scene.values import Placement
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.simulation.bases import SPEED
+from softsim_core.values import Placement
 
 MASS, LENGTH = 0.05, 0.1
 AXIS = (0.0, -1.0, 0.0)  # a positive angle lifts the tip
@@ -95,15 +96,15 @@ def test_a_prescribed_joint_is_where_it_is_commanded(backend: Backend) -> None:
 
 def test_prescribed_and_stiff_compliant_servos_hold_the_same_on_the_tripod() -> None:
     prescribed = load_scene("tripod")
-    compliant = replace(
-        prescribed, joints=tuple(replace(joint, stiffness=1e4) for joint in prescribed.joints)
+    compliant = prescribed.with_scene(
+        joints=tuple(replace(joint, stiffness=1e4) for joint in prescribed.joints)
     )
     efforts = []
     for robot in (prescribed, compliant):
         sim = Simulation(robot, backend="scipy")
-        inputs = Inputs(np.array([-1.4, -1.1, -0.9]), sim.forces, 0.035)
+        control = Control(np.array([-1.4, -1.1, -0.9]), sim.forces, 0.035)
         efforts.append(
-            solve_static(sim.model, sim.model.rest_state(), inputs, sim.parameters).state.joint_efforts
+            solve_static(sim.model, sim.model.rest_state(), control, sim.parameters).state.joint_efforts
         )
     assert np.abs(efforts[0]).max() > 0.02
     np.testing.assert_allclose(efforts[1], efforts[0], rtol=1e-3, atol=1e-5)
@@ -118,7 +119,7 @@ def test_base_shift_carries_the_zone_along(backend: Backend) -> None:
     frames = sim.frames()
     np.testing.assert_allclose(frames["hinge"].position, [0.03, 0.0, 0.0])
     np.testing.assert_allclose(frames["hinge_horn"].position, [0.03, 0.0, 0.0])
-    root = np.flatnonzero(sim.model.zone_of_node >= 0)
+    root = np.flatnonzero(sim.model.region_of_node >= 0)
     moved = sim.positions[root] - before[root]
     np.testing.assert_allclose(moved, np.broadcast_to([0.03, 0.0, 0.0], moved.shape), atol=1e-15)
     settled(sim)
@@ -135,7 +136,7 @@ def test_a_moved_base_carries_the_whole_arm_along(backend: Backend) -> None:
     sim.move_base("hinge", way)
     sim.step()
     np.testing.assert_allclose(np.linalg.norm(sim.frames()["hinge"].position), SPEED * sim.dt)
-    root = np.flatnonzero(sim.model.zone_of_node >= 0)
+    root = np.flatnonzero(sim.model.region_of_node >= 0)
     for _ in range(round(np.linalg.norm(way) / (SPEED * sim.dt)) + 1):
         sim.step()
         origin = sim.frames()["hinge"].position
@@ -153,10 +154,10 @@ def test_a_moved_base_carries_the_whole_arm_along(backend: Backend) -> None:
 def test_symmetric_poses_of_the_symmetric_robot(robot: str, pose: str) -> None:
     """Equal angles: the effector stays on the axis, upright, and all servos hold the same torque."""
     sim = Simulation(load_scene(robot), backend="scipy")
-    assert sim.model.law == "polar"
-    command = np.zeros(3) if pose == "rest" else np.array(sim.scene.poses[pose])
-    inputs = Inputs(command, sim.forces, 0.0 if pose == "rest" else 0.035)
-    state = solve_static(sim.model, sim.model.rest_state(), inputs, sim.parameters).state
+    assert sim.model.law(0).name == "corotational"
+    command = np.zeros(3) if pose == "rest" else np.array(sim.robot.poses[pose])
+    control = Control(command, sim.forces, 0.0 if pose == "rest" else 0.035)
+    state = solve_static(sim.model, sim.model.rest_state(), control, sim.parameters).state
     assert np.abs(state.frame_positions[0, :2]).max() < 1e-9
     assert np.linalg.norm(rotation_log(state.frame_rotations[0])) < 1e-9
     np.testing.assert_allclose(state.joint_efforts, state.joint_efforts.mean(), rtol=1e-7)

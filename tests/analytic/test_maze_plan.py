@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -37,7 +35,7 @@ def test_the_ball_reaches_the_goal_and_never_falls_through() -> None:
     simulation.start_animation()
     for _ in range(100):
         simulation.step()
-    controller = InverseController(replace(scene, rigid_bodies=(), collisions=()))  # it knows of no ball
+    controller = InverseController(scene.with_scene(rigid_bodies=(), collisions=()))  # it knows of no ball
     controller.start(simulation.joint_positions, simulation.base_shift)
     effector = simulation.effector_pose
     assert effector is not None

@@ -12,7 +12,7 @@ from softsim_core.errors import SceneError
 from softsim_core.inverse.tilts import tilt_rotation
 from softsim_core.mechanics.pose import rotation_of
 from softsim_core.scene.description import AttachmentDescription, JointDescription
-from softsim_core.scene.values import Box
+from softsim_core.values import Box
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143
@@ -51,9 +51,9 @@ def test_a_hinge_on_a_hinge_on_a_slide() -> None:
     plate = simulation.rigid_poses[0]
     np.testing.assert_allclose(plate.position, [0.0, 0.0, 0.05], atol=1e-12)
     np.testing.assert_allclose(rotation_of(plate.quaternion_xyzw), tilt_rotation(0.3, -0.2), atol=1e-12)
-    screws = simulation.model.screws(simulation._state)
-    np.testing.assert_allclose(screws.angular[2], tilt_rotation(0.3, 0.0)[:, 1], atol=1e-12)
-    np.testing.assert_allclose(screws.origin[2], plate.position, atol=1e-12)
+    motion_subspace = simulation.model.motion_subspace(simulation._state)
+    np.testing.assert_allclose(motion_subspace.angular[2], tilt_rotation(0.3, 0.0)[:, 1], atol=1e-12)
+    np.testing.assert_allclose(motion_subspace.origin[2], plate.position, atol=1e-12)
 
 
 def test_an_arm_on_a_hinge_swings_round_it() -> None:
@@ -62,14 +62,15 @@ def test_an_arm_on_a_hinge_swings_round_it() -> None:
     hand = JointDescription(name="elbow", parent="shoulder", axis=(0.0, 1.0, 0.0), rest=0.1)
     hand = replace(hand, base=replace(hand.base, translation=(0.1, 0.0, 0.0)))
     scene = load_scene("maze_plate")
-    rigid = tuple(replace(each, on="elbow" if each.mass is None else "world") for each in scene.rigid_bodies)
-    simulation = Simulation(
-        replace(scene, controllers=(), joints=(arm, hand), rigid_bodies=rigid, collisions=())
+    rigid = tuple(
+        replace(each, on="elbow" if each.mass is None else "world") for each in scene.scene.rigid_bodies
     )
+    physics = replace(scene.scene, joints=(arm, hand), rigid_bodies=rigid, collisions=())
+    simulation = Simulation(physics)
     simulation.command([0.5 * np.pi, 0.1])
     simulation.step()
     np.testing.assert_allclose(simulation.frames()["elbow"].position, [0.0, 0.1, 0.0], atol=1e-12)
-    axis = simulation.model.screws(simulation._state).angular[1]
+    axis = simulation.model.motion_subspace(simulation._state).angular[1]
     np.testing.assert_allclose(axis, [-1.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -80,12 +81,8 @@ def test_a_hinged_joint_carries_no_silicone() -> None:
     box = Box(center=(0.0, 0.0, 0.03), size=(0.01, 0.01, 0.01))
     with pytest.raises(SceneError, match="attachment target servo_0 is carried by a revolute joint, so"):
         replace(
-            robot,
+            robot.scene,
             joints=(base, servo),
-            poses={},
-            start=None,
-            keys={},
-            board=None,
             attachments=(AttachmentDescription(name="tip", body="silicone", to="servo_0", box=box),),
             effector=None,
         )

@@ -2,44 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from closed_forms import fall_height, fall_speed
 from small_scenes import GRAVITY, body, jittered, scene, slab
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.dynamics.stepper import Inputs, Parameters
-from softsim_core.fem.corotational import deformation_gradients, element_rotations
+from softsim_core.dynamics.backends import Backend, make_stepper
+from softsim_core.fem.assembly import cell_energy
+from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import BuiltScene, build
-from softsim_core.scene.description import Backend
 
 LAWS = ("polar", "qr")
 
 
 def block(law: str, **fields: object) -> BuiltScene:
     mesh = jittered(box_mesh((0.04, 0.02, 0.02), (4, 2, 2)), 0.002, seed=1)
-    return build(scene(body(mesh, total_mass=0.016), law=law, **fields))
+    made = replace(body(mesh, total_mass=0.016), mass_distribution="equal")
+    return build(scene(made, law=law, **fields))
 
 
-def nothing(model: Model) -> Inputs:
-    return Inputs(np.zeros(0), np.zeros_like(model.rest))
+def nothing(model: Model) -> Control:
+    return Control(np.zeros(0), np.zeros_like(model.rest))
 
 
 def elastic_energy(model: Model, parameters: Parameters, positions: Array) -> float:
-    """Sum of V (lambda / 2 tr(E)^2 + mu E : E) with E the symmetric part of R^T F - I."""
-    corners = positions[model.elements.nodes]
-    rotations = element_rotations(corners, model.elements.gradients, model.law)
-    stretch = np.swapaxes(rotations, 1, 2) @ deformation_gradients(corners, model.elements.gradients)
-    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
-    lam, mu = parameters.lame[model.element_body].T
-    trace = np.trace(strain, axis1=1, axis2=2)
-    density = 0.5 * lam * trace**2 + mu * np.einsum("mij,mij->m", strain, strain)
-    return float((model.elements.volumes * density).sum())
+    groups = ((group, group.values(parameters.materials)) for group in model.groups)
+    return float(sum(cell_energy(group, positions, p).sum() for group, p in groups))
 
 
 def kinetic_energy(model: Model, state: State) -> float:
@@ -149,9 +144,9 @@ def test_momentum_of_a_free_body_is_kept(law: str, seed: int, backend: Backend) 
     np.testing.assert_allclose(momentum(model, state), first, rtol=0, atol=1e-12 * np.abs(first).max())
 
 
-@pytest.mark.parametrize(("law", "allowed"), [("polar", 0.06), ("qr", 0.2)])
+@pytest.mark.parametrize(("law", "allowed"), [("polar", 0.2), ("qr", 0.2)])
 def test_spin_of_a_struck_body_drifts_by_little(law: str, allowed: float, backend: Backend) -> None:
-    """The step, linearised once, does not keep the angular momentum; `qr` forces have a small net moment."""
+    """The step, linearised once, loses some spin while the body shakes; `qr` forces have a small moment."""
     built = block(law, gravity=(0.0, 0.0, 0.0))
     model, state = built.model, struck(built.model, 0)
     stepper = make_stepper(model, backend)
@@ -159,6 +154,18 @@ def test_spin_of_a_struck_body_drifts_by_little(law: str, allowed: float, backen
     for _ in range(300):
         stepper.step(state, nothing(model), built.parameters)
         assert np.linalg.norm(spin(model, state) - first) < allowed * np.linalg.norm(first)
+
+
+def test_a_tumbling_block_keeps_its_spin(backend: Backend) -> None:
+    """Tilted, at 3 rad/s about no axis of symmetry, for 3 s: stressed elements do not brake it."""
+    built = block("polar", gravity=(0.0, 0.0, 0.0))
+    model, state = built.model, built.model.rest_state()
+    state.velocities[:] = np.cross([1.6, -2.0, 1.5], model.rest - model.rest.mean(axis=0))
+    stepper = make_stepper(model, backend)
+    first = spin(model, state)
+    for _ in range(300):
+        stepper.step(state, nothing(model), built.parameters)
+    assert np.linalg.norm(spin(model, state) - first) < 0.02 * np.linalg.norm(first)
 
 
 @pytest.mark.parametrize("law", LAWS)

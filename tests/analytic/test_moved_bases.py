@@ -64,3 +64,18 @@ def test_a_wrong_base_is_refused_in_a_sentence() -> None:
         sim.move_base("vertical", (0.0, 0.0, float("nan")))
     with pytest.raises(CommandError, match="three finite numbers"):
         sim.move_base("vertical", (0.0, 0.0))
+
+
+def test_a_moved_base_is_state_and_the_model_stays_as_it_was_built() -> None:
+    sim = Simulation(load_scene("tripod"))
+    built = [joint.base_position.copy() for joint in sim.model.joints]
+    sim.move_base("servo_0", sim.frames()["servo_0"].position + LIFT)
+    for _ in range(30):
+        sim.step()
+    for joint, position in zip(sim.model.joints, built, strict=True):
+        np.testing.assert_array_equal(joint.base_position, position)
+    twin = sim.model.empty_state()
+    twin.copy_from(sim._state)
+    sim.reset()
+    origin, _ = sim.model.base_frame(0, twin)
+    np.testing.assert_allclose(origin, built[0] + LIFT, atol=1e-12)

@@ -18,17 +18,16 @@ from std_msgs.msg import UInt8MultiArray
 from servo_bridge.bridge_node import ServoBridge
 from servo_bridge.transport import SerialTransport
 from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.actuation.limits import JointLimits
-from softsim_core.scene.description import (
-    BoardDescription,
-    JointDescription,
-    SceneDescription,
-    ServoCalibration,
-)
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
-ROBOT = SceneDescription(
-    name="two",
-    joints=tuple(JointDescription(name=name, limits=JointLimits(-2.0, 0.0, 3.5)) for name in "ab"),
+ROBOT = RobotDescription(
+    scene=SceneDescription(
+        name="two",
+        joints=tuple(JointDescription(name=name, limits=JointLimits(-2.0, 0.0, 3.5)) for name in "ab"),
+    ),
     board=BoardDescription(servos=(ServoCalibration(joint="a"), ServoCalibration(joint="b"))),
 )
 

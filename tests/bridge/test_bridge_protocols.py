@@ -33,7 +33,7 @@ Starter = Callable[..., Any]
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[VirtualBoard]:
-    with VirtualBoard(link=tmp_path / "board", extended=True) as virtual:
+    with VirtualBoard(link=tmp_path / "board", protocol="extended") as virtual:
         yield virtual
 
 
@@ -64,8 +64,7 @@ def test_an_extended_board_is_found_driven_and_reported(
     assert float(report["telemetry age [s]"]) < 0.5
     assert 19.0 < float(report["send period [ms]"]) < 40.0  # 20 on a machine at rest
     assert bridge.end() == 0
-    assert board.extended is not None
-    assert board.extended.motion.relaxed  # after the rest pose
+    assert board.model.motion.relaxed  # after the rest pose
 
 
 @pytest.mark.slow
@@ -75,12 +74,11 @@ def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     bridge = start_bridge(autostart="activate", open_wait_s=60.0)
     stream(client.publisher(Float64MultiArray, COMMANDS), command(-2.0, -2.0, -2.0))
     assert board.wait_for(lambda b: b.servo_bytes == (64, 64, 64))
-    assert board.extended is not None
-    board.extended.silent = True
+    board.model.silent = True
     assert bridge.says("no telemetry from the board")
     assert board.wait_for(lambda b: not b.is_open)
     board.clear()
-    board.extended.silent = False
+    board.model.silent = False
     assert board.wait_for(lambda b: b.is_open)
     assert board.wait_for(lambda b: len(b.packets) > 5)
     assert {packet.servo_bytes for packet in board.packets} == {(64, 64, 64)}
@@ -188,6 +186,25 @@ def test_calibrate_servos_walks_in_a_terminal_and_writes_the_file(
     assert [servo.trim_deg for servo in servos] == pytest.approx([1.0, 0.0, 0.0])
     assert "servo_0: sign +1, zero 179, trim +1 deg" in result.stdout
     assert "hands off" in result.stdout.splitlines()[0]
-    assert board.extended is not None
     assert board.wait_for(lambda b: not b.is_open)
-    assert board.extended.motion.relaxed
+    assert board.model.motion.relaxed
+
+
+def test_a_protocol_that_the_robot_s_own_file_registers_is_found_and_driven(
+    start_bridge: Starter, tmp_path: Path
+) -> None:
+    file = REPOSITORY / "examples" / "my_board.py"
+    load_scene(file)  # registers it here, for the virtual board
+    with VirtualBoard(2, tmp_path / "mine", protocol="my_board") as board:
+        start_bridge(robot=str(file), port=board.port, autostart="activate", open_wait_s=60.0)
+        assert board.wait_for(lambda b: b.servo_bytes == (150, 150))
+        assert board.dropped == 0
+
+
+def test_an_unknown_protocol_leaves_the_bridge_unconfigured_with_a_sentence(
+    start_bridge: Starter, client: Any, board: VirtualBoard
+) -> None:
+    bridge = start_bridge(protocol="morse")
+    assert not client.transition("configure")
+    assert bridge.says("no board protocol is named 'morse'; known: auto, ascii_imu, extended, legacy")
+    assert board.received == 0

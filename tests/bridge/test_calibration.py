@@ -20,25 +20,23 @@ from servo_bridge.calibration_file import (
     load_calibration,
     save_calibration,
 )
-from servo_bridge.codec import angle_to_byte, byte_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
 from servo_bridge.ports import BOARD_USB_IDS, CLONE_USB_IDS
+from servo_bridge.servo import angle_to_byte, byte_to_angle
 from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import ConfigError, SceneError
-from softsim_core.scene.description import (
-    BoardDescription,
-    JointDescription,
-    SceneDescription,
-    ServoCalibration,
-)
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 SERVOS = tuple(ServoCalibration(joint=name) for name in "ab")
 LIMITS = JointLimits(-2.0225, -0.0255, 20.0, 1000.0)
-ROBOT = SceneDescription(
-    name="two",
-    joints=tuple(JointDescription(name=name, limits=LIMITS) for name in "ab"),
+ROBOT = RobotDescription(
+    scene=SceneDescription(
+        name="two", joints=tuple(JointDescription(name=name, limits=LIMITS) for name in "ab")
+    ),
     board=BoardDescription(servos=SERVOS, rate=200.0),
     poses={"start": (-1.4965, -1.0)},
 )

@@ -10,18 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge.codec import (
-    angle_to_byte,
-    avoid_byte_100,
-    byte_to_angle,
-    bytes_to_angles,
-    decode_packet,
-    encode_packet,
-    rest_packet,
-)
 from servo_bridge.errors import PacketError
+from servo_bridge.protocols.legacy import avoid_byte_100, decode_packet, encode_packet, rest_packet
+from servo_bridge.servo import angle_to_byte, byte_to_angle, bytes_to_angles
 from softsim_core.errors import CommandError
-from softsim_core.scene.description import ServoCalibration
+from softsim_core.scene.board import ServoCalibration
 
 getcontext().prec = 60
 PI = Fraction(Decimal("3.14159265358979323846264338327950288419716939937510582097494459"))

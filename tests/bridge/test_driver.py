@@ -11,24 +11,23 @@ import pytest
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
 from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import CommandError, SceneError
-from softsim_core.scene.description import (
-    BoardDescription,
-    JointDescription,
-    SceneDescription,
-    ServoCalibration,
-)
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 PERIOD = 0.02
 LIMITS = JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9)
 
 
-def robot(*servos: ServoCalibration, limits: JointLimits = LIMITS) -> SceneDescription:
+def robot(*servos: ServoCalibration, limits: JointLimits = LIMITS) -> RobotDescription:
     """Three joints a, b, c; servos in any order."""
     joints = tuple(JointDescription(name=name, limits=limits) for name in "abc")
     chosen = servos or tuple(ServoCalibration(joint=name) for name in "abc")
-    return SceneDescription(name="robot", joints=joints, board=BoardDescription(servos=chosen))
+    return RobotDescription(
+        scene=SceneDescription(name="robot", joints=joints), board=BoardDescription(servos=chosen)
+    )
 
 
 class TestClock:
@@ -213,8 +212,8 @@ def test_without_a_port_nothing_can_be_sent(clock: TestClock) -> None:
 
 def test_robots_that_no_board_can_drive_are_refused() -> None:
     with pytest.raises(SceneError, match="has no servo board"):
-        ServoDriver(SceneDescription(name="finger"))
+        ServoDriver(RobotDescription(scene=SceneDescription(name="finger")))
     sliding = JointDescription(name="a", kind="prismatic")
     board = BoardDescription(servos=(ServoCalibration(joint="a"),))
     with pytest.raises(SceneError, match="must be revolute"):
-        ServoDriver(SceneDescription(name="r", joints=(sliding,), board=board))
+        ServoDriver(RobotDescription(scene=SceneDescription(name="r", joints=(sliding,)), board=board))

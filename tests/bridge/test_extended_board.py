@@ -9,30 +9,28 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.codec import angle_to_width, byte_to_angle, width_limits, width_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
-from servo_bridge.frames import FIRMWARE_VERSION, BoardFlags, byte_to_width, set_widths
+from servo_bridge.protocols.frames import FIRMWARE_VERSION, BoardFlags, set_widths
+from servo_bridge.servo import angle_to_width, byte_to_angle, byte_to_width, width_limits, width_to_angle
 from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError
-from softsim_core.scene.description import (
-    BoardDescription,
-    JointDescription,
-    SceneDescription,
-    ServoCalibration,
-)
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 
 PERIOD = 0.02
 Wait = Callable[..., bool]
 
 
-def robot(count: int = 3, **servo: int) -> SceneDescription:
+def robot(count: int = 3, **servo: int) -> RobotDescription:
     names = [f"j{number}" for number in range(count)]
     limits = JointLimits(-2.0225, -0.0255, 3.5, 1e9)
-    return SceneDescription(
-        name="robot",
-        joints=tuple(JointDescription(name=name, limits=limits) for name in names),
+    return RobotDescription(
+        scene=SceneDescription(
+            name="robot", joints=tuple(JointDescription(name=name, limits=limits) for name in names)
+        ),
         board=BoardDescription(servos=tuple(ServoCalibration(joint=name, **servo) for name in names)),
     )
 
@@ -54,7 +52,7 @@ class TestClock:
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[VirtualBoard]:
-    with VirtualBoard(link=tmp_path / "board", extended=True) as virtual:
+    with VirtualBoard(link=tmp_path / "board", protocol="extended") as virtual:
         yield virtual
 
 
@@ -83,7 +81,7 @@ def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[
 
 def flags(driver: ServoDriver) -> BoardFlags:
     assert driver.link is not None
-    return BoardFlags(0) if driver.link.telemetry is None else driver.link.telemetry.flags
+    return BoardFlags(0) if driver.link.board.telemetry is None else driver.link.board.telemetry.flags
 
 
 def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
@@ -93,12 +91,11 @@ def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
     assert driver.tick() is None  # SET_LIMITS
     assert driver.tick() == (150, 150, 150)
     assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
-    assert board.extended is not None
-    assert board.extended.limits_us == ((1163, 2400),) * 3
+    assert board.model.limits_us == ((1163, 2400),) * 3
     assert wait_until(lambda: BoardFlags.LIMITS_SET | BoardFlags.ACTIVE in flags(driver))
     assert driver.link is not None
-    assert driver.link.banner is not None
-    assert (driver.link.banner.major, driver.link.banner.minor) == FIRMWARE_VERSION
+    assert driver.link.board.banner is not None
+    assert (driver.link.board.banner.major, driver.link.board.banner.minor) == FIRMWARE_VERSION
 
 
 def test_poses_are_finer_than_a_degree_and_acknowledged(
@@ -111,10 +108,10 @@ def test_poses_are_finer_than_a_degree_and_acknowledged(
     widths = tuple(angle_to_width(angle, servo) for angle, servo in zip(
         [-1.4965, -1.046667, -0.785], driver.servos, strict=True))  # fmt: skip
     assert driver.link is not None
-    assert wait_until(lambda: driver.link.telemetry.widths_us == widths)  # type: ignore[union-attr]
+    assert wait_until(lambda: driver.link.board.telemetry.widths_us == widths)  # type: ignore[union-attr]
     assert driver.applied_angles() == pytest.approx([-1.4965, -1.046667, -0.785], abs=math.radians(0.05))
-    assert wait_until(lambda: driver.link.unacknowledged == 0)  # type: ignore[union-attr]
-    assert driver.link.frames_dropped == 0
+    assert wait_until(lambda: driver.link.board.unacknowledged == 0)  # type: ignore[union-attr]
+    assert driver.link.board.frames_dropped == 0
     assert board.dropped == 0
 
 
@@ -132,8 +129,7 @@ def test_the_e_stop_is_said_to_the_board(
     assert wait_until(lambda: BoardFlags.HOLD in flags(driver))
     driver.disconnect(relax=True)
     assert board.wait_for(lambda b: not b.is_open)
-    assert board.extended is not None
-    assert not board.extended.motion.relaxed
+    assert not board.model.motion.relaxed
 
 
 def test_pulses_are_switched_off_at_the_end_at_rest(
@@ -144,8 +140,7 @@ def test_pulses_are_switched_off_at_the_end_at_rest(
     run(driver, clock, 0.2)
     assert driver.settle()
     driver.disconnect(relax=True)
-    assert board.extended is not None
-    assert board.wait_for(lambda b: b.extended.motion.relaxed)
+    assert board.wait_for(lambda b: b.model.motion.relaxed)
     assert board.servo_bytes == (150, 150, 150)
 
 
@@ -158,10 +153,10 @@ def test_a_board_that_restarts_is_told_its_ranges_and_the_pose_goes_on_from_the_
     pose = driver.applied_angles()
     link = driver.link
     assert link is not None
-    assert wait_until(lambda: link.telemetry is not None and link.telemetry.seq == driver._seq)
-    banners = link.counts.banners
+    assert wait_until(lambda: link.board.telemetry.seq == link.board.seq)
+    banners = link.board.counts.banners
     board.restart(cause=8)
-    assert wait_until(lambda: link.counts.banners == banners + 1)
+    assert wait_until(lambda: link.board.counts.banners == banners + 1)
     assert wait_until(lambda: driver.link_state == "extended")
     assert BoardFlags.WATCHDOG in flags(driver)
     assert driver.tick() is None
@@ -169,7 +164,7 @@ def test_a_board_that_restarts_is_told_its_ranges_and_the_pose_goes_on_from_the_
     assert driver.tick() == (122, 122, 122)
     assert driver.applied_angles() == pose
     assert driver.counts.restarts == 2
-    assert board.wait_for(lambda b: b.extended is not None and b.extended.limits_us != ())
+    assert board.wait_for(lambda b: b.model.limits_us != ())
 
 
 def test_a_board_that_kept_its_pose_gives_the_first_one(
@@ -178,9 +173,8 @@ def test_a_board_that_kept_its_pose_gives_the_first_one(
     driver = ServoDriver(robot(), clock=clock, wait=clock.wait)
     driver.connect(board.port, quiet_s=2.5)
     assert wait_until(lambda: driver.link_state == "extended")
-    assert board.extended is not None
     with board._changed:  # a board whose reset line is cut, and which somebody moved
-        board.extended.feed(set_widths(0, [1500, 1600, 1700]), time.monotonic())
+        board.model.feed(set_widths(0, [1500, 1600, 1700]), time.monotonic())
     assert wait_until(lambda: BoardFlags.ACTIVE in flags(driver))
     driver.start()
     driver.tick()
@@ -194,8 +188,7 @@ def test_telemetry_that_stops_is_a_lost_board(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
     driver.tick()
-    assert board.extended is not None
-    board.extended.silent = True
+    board.model.silent = True
 
     def lost() -> bool:
         clock.wait(1.0)
@@ -216,7 +209,7 @@ def test_a_damaged_line_is_rejected_and_reported(
     driver._transport.write(b"\xfe\x81\x85\x80\xfe\x9f")
     driver.tick()
     assert driver.link is not None
-    assert wait_until(lambda: driver.link.telemetry.rejects >= 1)  # type: ignore[union-attr]
+    assert wait_until(lambda: driver.link.board.telemetry.rejects >= 1)  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize(("sign", "zero"), [(1, 179), (-1, 61)])

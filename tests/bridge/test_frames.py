@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge import frames
-from servo_bridge.codec import HEADER, PacketParser
 from servo_bridge.errors import PacketError
-from servo_bridge.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
+from servo_bridge.protocols import frames
+from servo_bridge.protocols.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
+from servo_bridge.protocols.legacy import HEADER, PacketParser
+from servo_bridge.servo import byte_to_width, width_to_byte
 
 sextet = st.integers(0, 63)
 width = st.integers(0, 4095)
@@ -57,10 +58,10 @@ def test_the_type_fixes_the_length(made: bytes, length: int) -> None:
 
 
 def test_a_servo_byte_is_a_pulse_width() -> None:
-    assert frames.byte_to_width(90) == pytest.approx(1472.0)
-    assert frames.byte_to_width(180) == 2400.0
-    assert frames.byte_to_width(0) == 544.0
-    assert all(round(frames.width_to_byte(round(frames.byte_to_width(a)))) == a for a in range(181))
+    assert byte_to_width(90) == pytest.approx(1472.0)
+    assert byte_to_width(180) == 2400.0
+    assert byte_to_width(0) == 544.0
+    assert all(round(width_to_byte(round(byte_to_width(a)))) == a for a in range(181))
 
 
 @settings(derandomize=True, max_examples=300)
@@ -81,7 +82,7 @@ def test_telemetry_round_trip(flags: int, widths: list[int], seq: int, rejects: 
 
 
 def test_the_versions_are_those_of_the_firmware() -> None:
-    source = (Path(frames.__file__).parent / "firmware" / "tripod.c").read_text()
+    source = (Path(frames.__file__).parents[1] / "firmware" / "tripod.c").read_text()
     versions = dict(re.findall(r"#define (\w+_VERSION|FIRMWARE_M\w+) (\d+)", source))
     assert versions == {
         "PROTOCOL_VERSION": str(frames.PROTOCOL_VERSION),

@@ -7,11 +7,14 @@ import threading
 
 import pytest
 
-from servo_bridge import frames
 from servo_bridge.errors import PortError
-from servo_bridge.frames import Banner, BoardFlags, Telemetry
-from servo_bridge.link import BoardLink, ProtocolChoice, Reader, reset_cause_text
+from servo_bridge.link import BoardLink, Reader
+from servo_bridge.protocols import candidates, frames
+from servo_bridge.protocols.extended import reset_cause_text
+from servo_bridge.protocols.frames import Banner, BoardFlags, Telemetry
+from softsim_core.scene.board import BoardDescription, ServoCalibration
 
+BOARD = BoardDescription(servos=tuple(ServoCalibration(joint=name) for name in "abc"))
 BANNER = frames.banner(0, Banner(1, 1, 0, 2))
 REST = (2091,) * 3
 
@@ -20,8 +23,8 @@ def said(seq: int = 0, flags: BoardFlags = BoardFlags.LINK, widths: tuple[int, .
     return frames.telemetry(0, Telemetry(seq, flags, widths, 0, 0))
 
 
-def opened(protocol: ProtocolChoice = "auto") -> BoardLink:
-    return BoardLink("/dev/board", protocol, 2.5, 10.0)
+def opened(protocol: str = "auto") -> BoardLink:
+    return BoardLink("/dev/board", [each(BOARD) for each in candidates(protocol, BOARD)], 2.5, 10.0)
 
 
 def test_silence_is_a_legacy_board_after_the_quiet_time() -> None:
@@ -65,7 +68,7 @@ def test_a_board_that_speaks_late_is_an_extended_board_from_then_on() -> None:
 
 
 @pytest.mark.parametrize("protocol", ["legacy", "ascii_imu"])
-def test_a_protocol_that_is_demanded_is_kept_whatever_the_board_says(protocol: ProtocolChoice) -> None:
+def test_a_protocol_that_is_demanded_is_kept_whatever_the_board_says(protocol: str) -> None:
     link = opened(protocol)
     link.receive(BANNER + said(), 11.0)
     assert link.state(12.0) == "waiting"
@@ -115,29 +118,29 @@ def test_a_reset_on_the_way_is_noticed_and_its_pose_not_believed_before_new_tele
     link.receive(said(), 12.05)
     assert link.state(12.05) == "extended"
     assert link.take_restart()
-    assert link.counts.banners == 2
-    assert link.banner is not None
-    assert reset_cause_text(link.banner.reset_cause) == "watchdog"
+    assert link.board.counts.banners == 2
+    assert link.board.banner is not None
+    assert reset_cause_text(link.board.banner.reset_cause) == "watchdog"
 
 
 def test_acknowledgements_are_counted_around_the_wrap_of_the_sequence() -> None:
     link = opened()
     link.receive(said(), 11.0)
     for sent, acknowledged, open_frames in ((63, 62, 1), (1, 62, 3), (2, 2, 0)):
-        link.sent(sent)
+        link.board.seq = sent
         link.receive(said(acknowledged), 11.1)
-        assert link.unacknowledged == open_frames
-    assert link.counts.most_unacknowledged == 3
-    assert link.counts.telemetry == 4
+        assert link.board.unacknowledged == open_frames
+    assert link.board.counts.most_unacknowledged == 3
+    assert link.board.counts.telemetry == 4
 
 
 def test_damaged_telemetry_is_counted_and_not_used() -> None:
-    link = opened()
+    link = opened("extended")
     data = bytearray(said(5))
     data[4] ^= 1
     link.receive(bytes(data), 11.0)
-    assert link.telemetry is None
-    assert link.frames_dropped == 1
+    assert link.board.telemetry is None
+    assert link.board.frames_dropped == 1
 
 
 def test_lines_of_an_imu_are_read_whatever_stands_around_them() -> None:
@@ -145,7 +148,7 @@ def test_lines_of_an_imu_are_read_whatever_stands_around_them() -> None:
     readings = link.receive(b"hello\r\n" + said() + b"1.0,2.0,\r\n" + said(), 11.0)
     assert [round(math.degrees(reading.tilt_x), 9) for reading in readings] == [2.0]
     assert link.tilt_age(11.5) == 0.5
-    assert link.counts.telemetry == 2
+    assert link.board.counts.telemetry == 2
 
 
 def test_every_reset_cause_has_words() -> None:

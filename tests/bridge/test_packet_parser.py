@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge.codec import PacketParser
+from servo_bridge.protocols.legacy import PacketParser
 
 POSE = bytes([255, 93, 121, 179])
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge.codec import byte_to_angle
 from servo_bridge.safety import SERVO_ACCELERATION, SERVO_SPEED, MotionSettings, ServoMotion, servo_limits
-from softsim_core.actuation.limits import JointLimits
+from servo_bridge.servo import byte_to_angle
 from softsim_core.errors import CommandError, SceneError
-from softsim_core.scene.description import ServoCalibration
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene.board import ServoCalibration
 
 SERVO = ServoCalibration(joint="servo_0")
 LIMITS = servo_limits(SERVO, JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9))

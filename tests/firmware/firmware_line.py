@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.frames import FrameParser, FrameType, Telemetry, byte_to_width, read_telemetry
+from servo_bridge.protocols.frames import FrameParser, FrameType, Telemetry, read_telemetry
+from servo_bridge.servo import byte_to_width
 
 TOLERANCE_US = 1.5
 SLEW_US = 62.0

@@ -9,7 +9,8 @@ import pytest
 import serial
 
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.frames import FrameParser, FrameType, byte_to_width, read_telemetry, set_widths
+from servo_bridge.protocols.frames import FrameParser, FrameType, read_telemetry, set_widths
+from servo_bridge.servo import byte_to_width
 
 TOLERANCE_US = 1.5
 

@@ -20,10 +20,9 @@ from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
 from node_processes import NodeProcess
 from terminal_session import REPOSITORY, TerminalSession
 
-from servo_bridge.codec import byte_to_angle
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.frames import byte_to_width
-from softsim_core.scene.description import ServoCalibration
+from servo_bridge.servo import byte_to_angle, byte_to_width
+from softsim_core.scene.board import ServoCalibration
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator", "ros_domain")]
 
@@ -194,7 +193,7 @@ def test_a_killed_bridge_leaves_a_robot_that_holds_and_then_rests(
         still = [each for each in mine if each.start_s < killed + 1.9]
         assert all(abs(each.width_us - byte_to_width(held)) < TOLERANCE_US for each in still)
         creep = [abs(later.width_us - earlier.width_us) for earlier, later in pairwise(mine)]
-        assert max(creep) < 12.0  # 10 us a frame: 48 degrees a second
+        assert max(creep) < 12.0  # 10 us per frame: 48 degrees a second
     assert 2.0 < arrived - killed < 5.0
 
 

@@ -17,10 +17,9 @@ pytest.importorskip("rclpy")
 from bridge_session import BridgeClient, Stream
 from terminal_session import REPOSITORY
 
-from servo_bridge.codec import bytes_to_angles
 from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.errors import PortError
-from servo_bridge.frames import byte_to_width
+from servo_bridge.servo import byte_to_width, bytes_to_angles
 from servo_bridge.transport import SerialTransport
 from softsim_core import load_scene
 

@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from servo_bridge import frames
 from servo_bridge.emulator import EmulatedBoard
+from servo_bridge.protocols import frames
+from servo_bridge.servo import byte_to_width
 from softsim_ros.benchmark.process import resident_mb
 
 pytestmark = pytest.mark.usefixtures("emulator")
@@ -33,7 +34,7 @@ def packets(kind: str, count: int, choose: random.Random) -> list[bytes]:
         if kind == "legacy":
             made.append(bytes([255, *pose]))
         else:
-            widths = [round(frames.byte_to_width(each)) for each in pose]
+            widths = [round(byte_to_width(each)) for each in pose]
             made.append(frames.set_widths(index % frames.SEQUENCES, widths))
     return made
 
@@ -71,7 +72,7 @@ def test_thirty_minutes_lose_no_acknowledgement_and_no_memory() -> None:
     seconds, before = 1800, 0.0
     parser, acknowledged, telemetry = frames.FrameParser(), 0, None
     with EmulatedBoard(log_length=1000) as board:
-        sweep = [round(frames.byte_to_width(each)) for each in (*range(90, 150), *range(150, 90, -1))]
+        sweep = [round(byte_to_width(each)) for each in (*range(90, 150), *range(150, 90, -1))]
         for index in range(seconds * 50):
             at = index % len(sweep)
             widths = [sweep[at], sweep[at - 40], sweep[at - 80]]

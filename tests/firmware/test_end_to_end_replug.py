@@ -16,9 +16,9 @@ from rclpy.parameter import Parameter
 
 from servo_bridge import bridge_node
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.frames import byte_to_width
-from servo_bridge.port_link import make_link
 from servo_bridge.ports import stable_name
+from servo_bridge.pty_board import make_link
+from servo_bridge.servo import byte_to_width
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_ros.runtime import SpinThread
 

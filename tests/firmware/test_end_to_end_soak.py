@@ -16,8 +16,8 @@ pytest.importorskip("rclpy")
 from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
 from node_processes import NodeProcess
 
-from servo_bridge.codec import byte_to_angle
 from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.servo import byte_to_angle
 from softsim_core import load_scene
 from softsim_ros.benchmark.process import resident_mb
 

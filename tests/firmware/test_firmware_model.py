@@ -7,12 +7,11 @@ from firmware_line import heard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge import frames
-from servo_bridge.board_motion import FRAME_S, TICKS_PER_US
-from servo_bridge.codec import PacketParser
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.extended_board import ExtendedBoard
-from servo_bridge.frames import FrameParser
+from servo_bridge.protocols import frames
+from servo_bridge.protocols.extended_board import FRAME_S, TICKS_PER_US, ExtendedBoard
+from servo_bridge.protocols.frames import FrameParser
+from servo_bridge.protocols.legacy import PacketParser
 
 pytestmark = pytest.mark.usefixtures("emulator")
 

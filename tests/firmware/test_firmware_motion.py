@@ -15,9 +15,9 @@ from firmware_line import (
     widths_by_frame,
 )
 
-from servo_bridge import frames
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.frames import BoardFlags
+from servo_bridge.protocols import frames
+from servo_bridge.protocols.frames import BoardFlags
 
 HANG = b"\xff\xcf"
 """A jump to itself."""
@@ -98,7 +98,7 @@ def test_silence_of_two_seconds_creeps_to_rest(board: EmulatedBoard) -> None:
     assert BoardFlags.LINK not in said
     board.run(2.0)
     assert board.widths_us() == pytest.approx(ideal(150, 150, 150), abs=TOLERANCE_US)
-    assert max(map(abs, steps(board))) < 10.0 + 1.0  # 10 us a frame, one degree
+    assert max(map(abs, steps(board))) < 10.0 + 1.0  # 10 us per frame, one degree
     board.clear()
     stream(board, legacy(60, 60, 60), 0.6)  # and back at the usual speed
     assert board.widths_us() == pytest.approx(ideal(60, 60, 60), abs=TOLERANCE_US)

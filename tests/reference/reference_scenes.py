@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.arrays import Array
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.robots.parts import elastic_body, tripod
 from softsim_core.scene import Scene, load_scene
-from softsim_core.scene.description import CommandSettings, SceneDescription, SolverSettings, StartAnimation
-from softsim_core.scene.parts import elastic_body, tripod
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.scene.control import CommandSettings, StartAnimation
+from softsim_core.scene.description import SolverSettings
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.values import MeshFile, Placement
 
 SILICONE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
 """From the frame of the reference's silicone meshes to ours."""
@@ -47,20 +49,20 @@ def silicone_mesh(reference_dir: Path, level: str) -> MeshFile:
     )
 
 
-def held_centre(reference_dir: Path, level: str) -> SceneDescription:
+def held_centre(reference_dir: Path, level: str) -> RobotDescription:
     """Silicone alone, held exactly by the box about (10, 30, 0) of the reference; no damping, qr."""
     mesh = silicone_mesh(reference_dir, level)
     overrides = {"bodies": [{"name": "silicone", "mesh": mesh, "surface": None}]}
     return load_scene("held_centre", overrides)
 
 
-def full_tripod(reference_dir: Path, level: str) -> SceneDescription:
+def full_tripod(reference_dir: Path, level: str) -> RobotDescription:
     """The whole robot with compliant servos without limits; its start animation is the reference's A."""
     scene = Scene(name="reference_tripod", solver=SolverSettings(rotation="qr", rayleigh_stiffness=0.005))
     scene.commands = CommandSettings(enforce_limits=False)
     scene.add(
         tripod(
-            silicone=elastic_body("silicone", silicone_mesh(reference_dir, level)),
+            silicone=elastic_body("silicone", silicone_mesh(reference_dir, level), mass_distribution="equal"),
             limits=JointLimits(),
             stiffness=SERVO_STIFFNESS,
             inertia=SERVO_INERTIA,

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.actuation.cable import CableDescription
+from softsim_core.dynamics import Backend
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.description import (
     AttachmentDescription,
-    Backend,
     BodyDescription,
     JointDescription,
-    MaterialDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.objects import CableDescription
-from softsim_core.scene.values import Box, MeshFile, Placement, Vector
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.values import Box, MeshFile, Placement, Vector
 
 MILLIMETRES = Placement(scale=1e-3)
 
@@ -54,9 +54,10 @@ def finger(
                 mesh=MeshFile(file=folder / "finger.vtk", placement=MILLIMETRES),
                 material=MaterialDescription(young_modulus=18e6, poisson_ratio=0.3),
                 total_mass=0.5,
+                mass_distribution="equal",
             ),
         ),
-        joints=(JointDescription(name="cable", kind="cable", limits=JointLimits(0.0, 0.1), cable=cable),),
+        joints=(JointDescription(name="cable", kind="cable", limits=JointLimits(0.0, 0.1), actuator=cable),),
         attachments=(AttachmentDescription(name="base", body="finger", to="world", box=held),),
     )
 
@@ -69,7 +70,7 @@ def test_the_finger_bends_as_in_the_reference_simulator(reference_dir: Path, bac
         pytest.importorskip("numba")
     recorded = np.load(reference_dir / "simulator" / "cable_finger.npz")
     sim = Simulation(finger(reference_dir, backend))
-    assert sim.cables[0].length == pytest.approx(1e-3 * float(recorded["cable_initial_length"]), rel=1e-12)
+    assert sim.actuators[0].length == pytest.approx(1e-3 * float(recorded["cable_initial_length"]), rel=1e-12)
     for k, travel in enumerate(recorded["displacements"]):
         sim.command([1e-3 * travel])
         off, tensions = [], []

@@ -11,21 +11,16 @@ import pytest
 from reference_scenes import from_reference
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
+from softsim_core.dynamics.backends import Backend, make_stepper
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.dynamics.stepper import Inputs, Parameters
-from softsim_core.mechanics.model import HELD, Model
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.model import FIXED, Model
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import read_tets
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import (
-    Backend,
-    BodyDescription,
-    MaterialDescription,
-    SceneDescription,
-    SolverSettings,
-)
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.scene.description import BodyDescription, SceneDescription, SolverSettings
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.values import MeshFile, Placement
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 
@@ -48,14 +43,15 @@ def snapshot(reference_dir: Path) -> Snapshot:
             young_modulus=1e3 * material["young_modulus"], poisson_ratio=material["poisson_ratio"]
         ),
         total_mass=fixture["total_mass"],
+        mass_distribution="equal",
     )
     gravity = tuple(from_reference(np.array(fixture["gravity"])).tolist())
     solver = SolverSettings(rotation="qr", rayleigh_stiffness=0.01)
     built = build(SceneDescription(name="snapshot", gravity=gravity, solver=solver, bodies=(body,)))
     held = np.concatenate([arm["node_ids"] for arm in fixture["arms"]])
-    zone_of_node = built.model.zone_of_node.copy()
-    zone_of_node[held] = HELD
-    model = replace(built.model, zone_of_node=zone_of_node)
+    region_of_node = built.model.region_of_node.copy()
+    region_of_node[held] = FIXED
+    model = replace(built.model, region_of_node=region_of_node)
     expected = from_reference(
         1e3 * read_tets(folder / "tripod" / "tripodDeformed.vtu", Placement(scale=0.001)).points
     )
@@ -69,7 +65,7 @@ def snapshot(reference_dir: Path) -> Snapshot:
 def test_statics_find_the_snapshot_within_a_micrometre(snapshot: Snapshot) -> None:
     model, parameters, start, expected = snapshot
     assert np.linalg.norm(start.positions - expected, axis=1).max() > 0.008  # the start is no answer
-    solution = solve_static(model, start, Inputs(np.zeros(0), np.zeros_like(model.rest)), parameters)
+    solution = solve_static(model, start, Control(np.zeros(0), np.zeros_like(model.rest)), parameters)
     assert np.abs(solution.state.positions - expected).max() < 1e-6
 
 
@@ -78,9 +74,9 @@ def test_dynamics_settle_in_the_snapshot(snapshot: Snapshot, backend: Backend) -
     stepper = make_stepper(model, backend)
     state = model.rest_state()
     state.copy_from(start)
-    inputs = Inputs(np.zeros(0), np.zeros_like(model.rest))
+    control = Control(np.zeros(0), np.zeros_like(model.rest))
     for _ in range(400):
-        stepper.step(state, inputs, parameters)
+        stepper.step(state, control, parameters)
         if np.abs(state.velocities).max() < 1e-8:
             break
     assert np.abs(state.velocities).max() < 1e-8

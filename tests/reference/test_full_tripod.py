@@ -11,10 +11,10 @@ from reference_scenes import from_reference, full_tripod, quaternion_from_refere
 
 from softsim_core import Pose, Simulation
 from softsim_core.arrays import Array
+from softsim_core.dynamics import Backend
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.dynamics.stepper import Inputs
+from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_log, rotation_of
-from softsim_core.scene.description import Backend
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 
@@ -87,8 +87,8 @@ def test_poses_of_the_independent_computation(reference_dir: Path, level: str, n
         pytest.skip(f"{name} was not computed on the {level} mesh")
     expected, (command, base_shift) = poses[name], POSES[name]
     sim = Simulation(full_tripod(reference_dir, level), backend="scipy")
-    inputs = Inputs(np.array(command), sim.forces, base_shift)
-    state = solve_static(sim.model, sim.model.rest_state(), inputs, sim.parameters).state
+    control = Control(np.array(command), sim.forces, base_shift)
+    state = solve_static(sim.model, sim.model.rest_state(), control, sim.parameters).state
     centre = from_reference(np.array(expected["center"]))
     np.testing.assert_allclose(state.frame_positions[0], centre, rtol=0, atol=1e-7)  # printed to 1e-4 mm
     quaternion = quaternion_from_reference(np.array(expected["quat_xyzw"]))
@@ -100,8 +100,8 @@ def test_poses_of_the_independent_computation(reference_dir: Path, level: str, n
 def test_nodes_of_pose_a_of_the_independent_computation(reference_dir: Path) -> None:
     nodes = np.loadtxt(reference_dir / "data" / "fixtures" / "tripod_low_A_pose_nodes.csv", delimiter=",")
     sim = Simulation(full_tripod(reference_dir, "low"), backend="scipy")
-    inputs = Inputs(np.full(3, A), sim.forces, 0.035)
-    state = solve_static(sim.model, sim.model.rest_state(), inputs, sim.parameters).state
+    control = Control(np.full(3, A), sim.forces, 0.035)
+    state = solve_static(sim.model, sim.model.rest_state(), control, sim.parameters).state
     np.testing.assert_allclose(
         state.positions, from_reference(nodes), rtol=0, atol=2e-8
     )  # printed to 1e-5 mm

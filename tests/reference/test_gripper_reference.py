@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.actuation.cable import CableDescription
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
     JointDescription,
-    MaterialDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.objects import CableDescription, CollisionDescription, ContactSettings
-from softsim_core.scene.values import Box, MeshFile, Placement
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.objects import CollisionDescription
+from softsim_core.values import Box, MeshFile, Placement
 
 MILLIMETRES = Placement(scale=1e-3)
 RANDOM_STEPS = 10_000
@@ -57,8 +59,12 @@ def finger(data: Path, distance: float) -> SceneDescription:
         name="finger",
         gravity=(0.0, -0.981, 0.0),
         solver=SolverSettings(rotation="qr"),
-        bodies=(BodyDescription(name="finger", mesh=mesh, material=material, total_mass=0.5),),
-        joints=(JointDescription(name="cable", kind="cable", limits=JointLimits(0.0, 0.1), cable=cable),),
+        bodies=(
+            BodyDescription(
+                name="finger", mesh=mesh, material=material, total_mass=0.5, mass_distribution="equal"
+            ),
+        ),
+        joints=(JointDescription(name="cable", kind="cable", limits=JointLimits(0.0, 0.1), actuator=cable),),
         attachments=(AttachmentDescription(name="base", body="finger", to="world", box=base),),
         collisions=walls,
         contact=ContactSettings(alarm_distance=0.004, contact_distance=distance, friction=0.08),

@@ -9,9 +9,9 @@ import pytest
 from reference_scenes import from_reference, held_centre
 
 from softsim_core import Simulation
+from softsim_core.dynamics import Backend
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.dynamics.stepper import Inputs
-from softsim_core.scene.description import Backend
+from softsim_core.mechanics.control import Control
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 
@@ -46,7 +46,7 @@ def test_statics_give_the_pose_in_which_the_reference_comes_to_rest(reference_di
     results = np.load(reference_dir / "simulator" / "held_centre_low.npz")
     sim = Simulation(held_centre(reference_dir, "low"), backend="scipy")
     solution = solve_static(
-        sim.model, sim.model.rest_state(), Inputs(np.zeros(0), sim.forces), sim.parameters
+        sim.model, sim.model.rest_state(), Control(np.zeros(0), sim.forces), sim.parameters
     )
     expected = from_reference(results["position_5s"])
     np.testing.assert_allclose(solution.state.positions, expected, rtol=0, atol=TOLERANCE)

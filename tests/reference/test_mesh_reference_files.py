@@ -18,7 +18,8 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.scene.values import Placement
+from softsim_core.mesh.follower import SurfaceFollower
+from softsim_core.values import Placement
 
 # file: nodes, tets, volume, min / max dihedral, min / mean radius ratio, slivers, min / max edge,
 # triangles and points of the boundary
@@ -157,8 +158,9 @@ def test_fine_surface_follows_the_coarse_mesh(data: Path) -> None:
     mesh = read_tets(data / "tripod/tripod_low.gidmsh")
     surface = read_surface(data / "tripod/tripod_mid.stl")
     embedding = embed(surface.points, mesh)
+    follower = SurfaceFollower([(surface, embedding, 0)], len(mesh.points))
     matrix = np.array([[0.9, 0.1, 0.0], [-0.2, 1.1, 0.3], [0.0, 0.1, 1.0]])
-    np.testing.assert_allclose(embedding.apply(mesh.points @ matrix), surface.points @ matrix, atol=1e-12)
+    np.testing.assert_allclose(follower.follow(mesh.points @ matrix), surface.points @ matrix, atol=1e-12)
     assert np.mean(embedding.outside == 0.0) > 0.3
 
 

@@ -54,7 +54,7 @@ def test_placement_is_the_reference_loading_followed_by_the_change_of_frame(refe
 )
 def test_zones_of_the_low_mesh_are_the_documented_nodes(reference_dir: Path, name: str, ids: str) -> None:
     scene = full_tripod(reference_dir, "low")
-    attachment = next(each for each in scene.attachments if each.name == name)
+    attachment = next(each for each in scene.scene.attachments if each.name == name)
     points = placed(mesh_points(reference_dir, "low"))
     assert selected(scene, attachment, points) == [int(word) for word in ids.split()]
 
@@ -65,7 +65,7 @@ def test_zones_of_the_low_mesh_are_the_documented_nodes(reference_dir: Path, nam
 def test_zone_sizes(reference_dir: Path, level: str, counts: list[int]) -> None:
     scene = full_tripod(reference_dir, level)
     points = placed(mesh_points(reference_dir, level))
-    assert [len(selected(scene, each, points)) for each in scene.attachments] == counts
+    assert [len(selected(scene, each, points)) for each in scene.scene.attachments] == counts
 
 
 @pytest.mark.parametrize("level", ["low", "mid"])
@@ -74,7 +74,7 @@ def test_zones_are_the_simulators(reference_dir: Path, level: str) -> None:
     scene = full_tripod(reference_dir, level)
     points = placed(mesh_points(reference_dir, level))
     keys = ("box0_indices", "box1_indices", "box2_indices", "center_indices")
-    for key, attachment in zip(keys, scene.attachments, strict=True):
+    for key, attachment in zip(keys, scene.scene.attachments, strict=True):
         assert selected(scene, attachment, points) == sorted(results[key].tolist())
 
 
@@ -83,10 +83,10 @@ def test_held_nodes_are_the_simulators(reference_dir: Path, level: str) -> None:
     results = np.load(reference_dir / "simulator" / f"held_centre_{level}.npz")
     scene = held_centre(reference_dir, level)
     points = placed(mesh_points(reference_dir, level))
-    assert selected(scene, scene.attachments[0], points) == sorted(results["fixed"].tolist())
+    assert selected(scene.scene, scene.scene.attachments[0], points) == sorted(results["fixed"].tolist())
 
 
 def test_fixing_box_of_step_3_holds_46_nodes_of_the_reference_mesh(reference_dir: Path) -> None:
     scene = load_scene("tripod_step_3")
     lying = placed(mesh_points(reference_dir, "low")) - np.array([0.0, 0.0, 0.030])
-    assert len(selected(scene, scene.attachments[0], lying)) == 46
+    assert len(selected(scene.scene, scene.scene.attachments[0], lying)) == 46

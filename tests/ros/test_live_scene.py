@@ -47,7 +47,7 @@ def test_a_saved_file_is_seen_once_it_rests(tmp_path: Path) -> None:
     save(file, SCENE.format(base=tripod_yaml(), young=2.0e5))
     assert not files.saved()  # it may still be written to
     assert files.saved()
-    assert files.load().bodies[0].material.young_modulus == 2.0e5
+    assert files.load().scene.bodies[0].material.young_modulus == 2.0e5
     assert not files.saved()
     file.unlink()
     assert not files.saved()
@@ -62,12 +62,12 @@ def test_imported_modules_are_watched_and_loaded_anew(tmp_path: Path) -> None:
     )
     description = load_scene(scene)
     files = SceneFiles(description)
-    assert description.dt == 0.1
+    assert description.scene.dt == 0.1
     assert tmp_path / "live_scene_part.py" in files_of(description)
     save(tmp_path / "live_scene_part.py", "HEIGHT = 0.2\n")
     assert not files.saved()
     assert files.saved()
-    assert files.load().dt == 0.2
+    assert files.load().scene.dt == 0.2
 
 
 # --- the running simulator -----------------------------------------------------------------------------

@@ -63,8 +63,8 @@ def test_the_mid_mesh_takes_less_than_400_mb(start_robot: Any, spin_until: Any) 
 
 OVERLOADED = """
 from softsim_core.scene import Scene
-from softsim_core.scene.description import Controller
-from softsim_core.scene.parts import tripod
+from softsim_core import Controller
+from softsim_core.robots.parts import tripod
 
 def create_scene(scene: Scene) -> None:
     scene.name = "tripod"

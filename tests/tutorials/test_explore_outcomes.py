@@ -58,7 +58,7 @@ def test_tripod_step_5_heights_of_the_poses() -> None:
     simulation.start_animation()
     heights.append(go_on(simulation, 1.5).effector_pose.position[2])
     for pose in ("mid", "high"):
-        heights.append(go_on(simulation, 1.5, simulation.scene.poses[pose]).effector_pose.position[2])
+        heights.append(go_on(simulation, 1.5, simulation.robot.poses[pose]).effector_pose.position[2])
     np.testing.assert_allclose(1e3 * np.array(heights), [29.5, 27.6, 43.9, 55.5], atol=0.2)
 
 
@@ -66,7 +66,7 @@ def test_tripod_step_6_the_ball_rides_and_rolls_off() -> None:
     simulation = ran("tripod_step_6", 1.5)
     heights = [simulation.rigid_poses[0].position[2]]
     for pose in ("mid", "high"):
-        heights.append(go_on(simulation, 1.0, simulation.scene.poses[pose]).rigid_poses[0].position[2])
+        heights.append(go_on(simulation, 1.0, simulation.robot.poses[pose]).rigid_poses[0].position[2])
     np.testing.assert_allclose(1e3 * np.array(heights), [40.0, 56.0, 68.0], atol=1.0)
     assert go_on(simulation, 1.5, [-0.3, -1.0, -1.0]).rigid_poses[0].position[2] < 0.04
 
@@ -91,12 +91,12 @@ def test_gripper_step_2_2_stiffness_and_sag(young_modulus: float, expected_mm: f
 
 @pytest.mark.parametrize(("pull", "tension"), [(0.001, 0.26), (0.005, 0.74), (0.010, 1.25), (0.020, 2.1)])
 def test_gripper_step_3_pull_and_tension(pull: float, tension: float) -> None:
-    assert ran("gripper_step_3", 2.0, [pull]).cables[0].tension == pytest.approx(tension, abs=0.02)
+    assert ran("gripper_step_3", 2.0, [pull]).actuators[0].tension == pytest.approx(tension, abs=0.02)
 
 
 def test_gripper_step_4_notches_that_meet_need_more_tension() -> None:
     start = load_scene("gripper_step_4").source.parents[1] / "tutorials/cable_gripper/step_4_start.yaml"
-    free, met = (ran(scene, 2.0, [0.055]).cables[0].tension for scene in (str(start), "gripper_step_4"))
+    free, met = (ran(scene, 2.0, [0.055]).actuators[0].tension for scene in (str(start), "gripper_step_4"))
     assert free == pytest.approx(3.9, abs=0.1)
     assert met == pytest.approx(14.0, abs=2.0)
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_scenes import body, machine, scene, slab
 
 from softsim_core.errors import SceneError
-from softsim_core.mechanics.model import FREE, HELD
+from softsim_core.mechanics.model import FIXED, FREE
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
 from softsim_core.scene.description import AttachmentDescription, JointDescription
-from softsim_core.scene.values import Sphere
+from softsim_core.values import Sphere
 
 MESH = box_mesh((0.04, 0.01, 0.01), (4, 1, 1))
 
@@ -24,30 +26,32 @@ def test_bodies_follow_each_other_in_the_model() -> None:
     assert rod.nodes.start == bridge.nodes.stop
     assert len(built.model.rest) == rod.nodes.stop
     np.testing.assert_array_equal(built.model.rest[rod.nodes], rod.mesh.points)
-    in_rod = built.model.elements.nodes[built.model.element_body == 1]
+    in_rod = built.model.groups[0].cells[built.model.groups[0].body == 1]
     assert in_rod.min() == rod.nodes.start
     assert rod.boundary.min() == rod.nodes.start
-    assert len(built.parameters.lame) == 2
+    assert len(built.parameters.materials) == 2
 
 
-def test_mass_is_spread_equally_over_the_nodes_of_a_body() -> None:
-    built = build(machine())
+def test_equal_masses_are_those_of_all_nodes_of_a_body() -> None:
+    scene = machine()
+    bodies = tuple(replace(each, mass_distribution="equal") for each in scene.bodies)
+    built = build(replace(scene, bodies=bodies))
     assert built.model.mass[built.bodies[0].nodes] == pytest.approx(np.full(54, 0.03 / 54))
     assert built.model.mass[built.bodies[1].nodes] == pytest.approx(np.full(20, 0.01 / 20))
 
 
 def test_zones_of_every_kind() -> None:
     model = build(machine()).model
-    assert (model.zone_of_node == HELD).sum() == 6
-    assert (model.zone_of_node == FREE).sum() == len(model.free_nodes) == 74 - 6 - 3 * 6 - 2 * 4
-    names = [zone.name for zone in model.zones]
+    assert (model.region_of_node == FIXED).sum() == 6
+    assert (model.region_of_node == FREE).sum() == len(model.free_nodes) == 74 - 6 - 3 * 6 - 2 * 4
+    names = [zone.name for zone in model.regions]
     assert names == ["driven", "sprung", "middle", "slid", "lifted"]
-    for number, zone in enumerate(model.zones):
-        np.testing.assert_array_equal(zone.nodes, np.flatnonzero(model.zone_of_node == number))
-    middle = model.zones[2]
-    assert (middle.frame, middle.joint, middle.border.tolist()) == (0, -1, [0, 1, 2, 3, 4, 5])
-    assert [zone.border.tolist() for zone in model.zones[:2]] == [[6], [7]]
-    assert model.border_size == 6 + 4
+    for number, zone in enumerate(model.regions):
+        np.testing.assert_array_equal(zone.nodes, np.flatnonzero(model.region_of_node == number))
+    middle = model.regions[2]
+    assert (middle.frame, middle.joint, middle.reduced.tolist()) == (0, -1, [0, 1, 2, 3, 4, 5])
+    assert [zone.reduced.tolist() for zone in model.regions[:2]] == [[6], [7]]
+    assert model.reduced_size == 6 + 4
     assert model.compliant_joints.tolist() == [1, 2]
     assert model.spring[model.spring > 0.0] == pytest.approx(np.full(4, 40.0))
 
@@ -90,7 +94,7 @@ def test_a_free_frame_on_a_point_or_a_line_is_refused(radius: float) -> None:
 
 
 def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:
-    from softsim_core.scene.values import Placement
+    from softsim_core.values import Placement
 
     base = Placement(translation=(0.04, 0.005, 0.005), rotation_deg=(0.0, 0.0, 90.0))
     hinge = JointDescription(name="hinge", base=base)
@@ -98,11 +102,11 @@ def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:
     model = build(
         scene(body(box_mesh((0.04, 0.01, 0.01), (4, 2, 1))), joints=(hinge,), attachments=(zone,))
     ).model
-    np.testing.assert_allclose(model.rest[model.zones[0].nodes, 1], 0.005)
-    assert len(model.zones[0].nodes) == 5 * 2
+    np.testing.assert_allclose(model.rest[model.regions[0].nodes, 1], 0.005)
+    assert len(model.regions[0].nodes) == 5 * 2
 
 
 def test_an_empty_scene_is_a_model_without_nodes() -> None:
     built = build(scene())
     assert built.model.rest.shape == (0, 3)
-    assert built.parameters.lame.shape == (0, 2)
+    assert built.parameters.materials == []

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from softsim_core.contact import CollisionSurface, Detector, Proximities
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import boundary_surface, box_mesh
-from softsim_core.scene.objects import ContactSettings
 
 SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001)
 REACH = 0.004

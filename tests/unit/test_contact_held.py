@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from softsim_core.contact import solve_contacts
-from softsim_core.contact.eliminate import eliminate
-from softsim_core.contact.rounded import project, steepness
+from softsim_core.contact.solver.elimination import eliminate
+from softsim_core.contact.solver.law import ContactProblem
+from softsim_core.contact.solver.projection import Smoothed, project, steepness
 
 DT, HALF = 0.01, 0.02
 NONE = (np.zeros(0), np.zeros(0))
@@ -80,17 +81,18 @@ def test_elimination_leaves_out_what_nothing_decides() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
-def test_the_rounded_projection_has_the_slope_that_it_tells(friction: float) -> None:
+def test_the_smoothed_projection_has_the_slope_that_it_tells(friction: float) -> None:
     random = np.random.default_rng(6)
     lower, upper = np.array([-np.inf, 0.0, -np.inf, -0.3]), np.array([np.inf, np.inf, 0.2, 0.3])
     rows, energy = 4 + 15, 1e-3
     compliance = np.diag(random.uniform(0.5, 2.0, rows))
-    steep = steepness(compliance, 4, friction)
+    problem = ContactProblem(compliance, np.zeros(rows), lower, upper, np.full(5, friction))
+    steep = steepness(problem)
     forces, gaps = random.normal(0.0, 0.3, rows), np.zeros(rows)  # without gaps only the forces are projected
 
     def projected(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         result, slope = np.zeros(rows), np.zeros((rows, 3))
-        project(lower, upper, friction, steep, energy, at, gaps, result, slope)
+        project(problem, steep, energy, at, gaps, Smoothed(result, slope))
         return result, slope
 
     _, slope = projected(forces)
@@ -112,11 +114,12 @@ def test_the_rounded_projection_has_the_slope_that_it_tells(friction: float) -> 
         np.testing.assert_allclose(change, expected, atol=1e-7)
 
 
-def test_what_the_rounded_projection_keeps_has_force_times_gap() -> None:
+def test_what_the_smoothed_projection_keeps_has_force_times_gap() -> None:
     compliance, energy = np.diag([2.0, 2.0, 2.0]), 1e-4
-    steep = steepness(compliance, 0, 0.5)
+    problem = ContactProblem(compliance, np.zeros(3), *NONE, np.array([0.5]))
+    steep = steepness(problem)
     forces = np.array([0.1, 0.0, 0.0])
     gaps = np.array([energy / 0.1, 0.0, 0.0])
     result, slope = np.zeros(3), np.zeros((3, 3))
-    assert project(*NONE, 0.5, steep, energy, forces, gaps, result, slope) < 1e-30
+    assert project(problem, steep, energy, forces, gaps, Smoothed(result, slope)) < 1e-30
     np.testing.assert_allclose(result, forces, rtol=1e-12)

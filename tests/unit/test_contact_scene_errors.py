@@ -10,20 +10,16 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
+from softsim_core.actuation.cable import CableDescription
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.errors import SoftSimError
 from softsim_core.mesh import SurfaceMesh, box_mesh
-from softsim_core.mesh.shapes import box_surface
+from softsim_core.mesh.shapes import Shape, box_surface
 from softsim_core.mesh.writers import write_surface
 from softsim_core.scene.description import JointDescription, SceneDescription
-from softsim_core.scene.objects import (
-    CableDescription,
-    CollisionDescription,
-    ContactSettings,
-    RigidBodyDescription,
-    Shape,
-)
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import MeshFile, Placement
 
 CUBE = Shape(box=(0.04, 0.04, 0.04))
 
@@ -122,7 +118,9 @@ def cable_scene(*points: tuple[float, float, float]) -> SceneDescription:
         bodies=(body(bar, "bar"),),
         attachments=(slab("left", "world", 0.0, "bar"),),
         joints=(
-            JointDescription(name="tendon", kind="cable", cable=CableDescription(body="bar", points=points)),
+            JointDescription(
+                name="tendon", kind="cable", actuator=CableDescription(body="bar", points=points)
+            ),
         ),
     )
 

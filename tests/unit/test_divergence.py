@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import SolverDivergedError
+from softsim_core.errors import FactorisationError, SolverDivergedError
+from softsim_core.scene.robot import Controller
+from softsim_core.warmup import small_scene
 
 BACKENDS = [pytest.param("numba", marks=pytest.mark.numba), "scipy"]
 
@@ -33,3 +38,46 @@ def test_a_step_that_diverges_leaves_the_last_good_state(backend: str, force: fl
     simulation.restore(before)
     simulation.step()
     assert simulation.snapshot() == after
+
+
+def test_a_singular_matrix_is_divergence_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body without mass and stiffness: the factorisation fails, and its error is the cause."""
+    simulation = Simulation(load_scene("tripod"), "scipy")
+    size = 3 * len(simulation.positions)
+    nothing = sp.csr_matrix((size, size))
+    monkeypatch.setattr("softsim_core.dynamics.scipy_backend.node_stiffness", lambda *_, **__: nothing)
+    object.__setattr__(simulation.model, "mass", 0.0 * simulation.model.mass)
+    with pytest.raises(SolverDivergedError) as caught:
+        simulation.step()
+    assert isinstance(caught.value.__cause__, FactorisationError)
+
+
+@pytest.mark.parametrize("place", ["controller", "step"])
+def test_somebodys_mistake_is_not_called_divergence(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def mistaken(*_: object, **__: object) -> None:
+        raise RuntimeError("my own mistake")
+
+    scene = load_scene("tripod")
+    if place == "controller":
+        scene = replace(scene, controllers=(Controller(on_begin=mistaken),))
+    simulation = Simulation(scene, "scipy")
+    before = simulation.snapshot()
+    if place == "step":
+        monkeypatch.setattr("softsim_core.dynamics.scipy_backend.node_stiffness", mistaken)
+    with pytest.raises(RuntimeError, match="my own mistake"):
+        simulation.step()
+    assert simulation.positions.tobytes() in before
+
+
+def test_the_report_counts_what_is_inside_out(backend: str) -> None:
+    simulation = Simulation(small_scene(), backend)  # type: ignore[arg-type]
+    simulation.step()
+    assert simulation.report.inverted == 0
+    assert simulation.report.positive
+    nodes = simulation.model.free_nodes
+    rng = np.random.default_rng(3)
+    simulation._state.positions[nodes] = rng.uniform(-0.01, 0.01, (len(nodes), 3))
+    simulation.step()
+    corners, rest = simulation.positions[simulation.tets], simulation.model.rest[simulation.tets]
+    volumes, sizes = (np.linalg.det(each[:, 1:] - each[:, :1]) for each in (corners, rest))
+    assert simulation.report.inverted == ((volumes * np.sign(sizes)) <= 0.0).sum() > 10

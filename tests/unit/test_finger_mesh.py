@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softsim_core.actuation.cable import read_cable_points
 from softsim_core.errors import MeshError
 from softsim_core.mesh import (
     TetMesh,
@@ -19,8 +20,7 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.mesh.finger_mesh import HEIGHT, LENGTH, LEVELS, SPINE, WIDTH, finger, main
-from softsim_core.scene.cable_file import read_cable_points
+from softsim_core.robots.finger_mesh import HEIGHT, LENGTH, LEVELS, SPINE, WIDTH, finger, main
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
 NODES = {"low": 192, "mid": 1055}

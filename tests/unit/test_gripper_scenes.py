@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
+from softsim_core.actuation.cable import cable_points
 from softsim_core.errors import ConfigError, SceneError
+from softsim_core.mesh.shapes import Shape
+from softsim_core.robots.gripper_parts import cable_finger, cable_gripper, rigid_thing
 from softsim_core.scene import Scene
-from softsim_core.scene.cable_builder import cable_points
-from softsim_core.scene.gripper_parts import cable_finger, cable_gripper, rigid_thing
-from softsim_core.scene.objects import Shape
-from softsim_core.scene.values import Placement
+from softsim_core.values import Placement
 
 STEPS = ["0", "1", "2", "2_2", "3", "4", "5"]
 REFERENCE_BOXES = {  # corners of the placed fingers in the tutorial's axes, in mm
@@ -48,7 +48,7 @@ def test_joints_and_limits_of_the_robot() -> None:
     )
     assert all(joint.limits.speed == 0.05 for joint in robot.joints)
     assert robot.joints[4].parent == "vertical"
-    assert {each.cable.pull_on for each in robot.joints[:3] if each.cable} == {"sideways"}
+    assert {each.actuator.pull_on for each in robot.joints[:3] if each.actuator} == {"sideways"}
 
 
 def test_the_part_is_the_robot_file() -> None:
@@ -61,17 +61,17 @@ def test_the_part_is_the_robot_file() -> None:
             other.axis,
             other.parent,
         )
-        if own.cable is not None and other.cable is not None:
-            assert own.cable.pull_point == pytest.approx(other.cable.pull_point)
-            assert own.cable.placement == other.cable.placement
-    surfaces = {each.name: each for each in robot.collisions}
-    for collision in part.collisions:
+        if own.actuator is not None and other.actuator is not None:
+            assert own.actuator.pull_point == pytest.approx(other.actuator.pull_point)
+            assert own.actuator.placement == other.actuator.placement
+    surfaces = {each.name: each for each in robot.scene.collisions}
+    for collision in part.scene.collisions:
         other = surfaces[collision.name]
         assert collision.groups == other.groups
         for box, other_box in zip(collision.boxes, other.boxes, strict=True):
             np.testing.assert_allclose(box.center, other_box.center, atol=1e-6)
             assert box.rotation_deg == pytest.approx(other_box.rotation_deg)
-    for base, other_base in zip(part.attachments, robot.attachments, strict=True):
+    for base, other_base in zip(part.scene.attachments, robot.scene.attachments, strict=True):
         np.testing.assert_allclose(base.box.center, other_base.box.center, atol=1e-6)
 
 
@@ -101,12 +101,12 @@ def test_walls_are_the_strips_beside_the_notches() -> None:
 def test_bases_and_pull_points_move_along(backend: str) -> None:
     simulation = Simulation(load_scene("gripper_step_5"), backend=backend)
     before = simulation.positions.copy()
-    pulls = [cable.points[0] for cable in simulation.cables]
+    pulls = [cable.points[0] for cable in simulation.actuators]
     simulation.enforce_limits = False  # in one step
     simulation.command([0.0, 0.0, 0.0, 0.002, -0.001])
     simulation.step()
     shift = np.array([0.0, -0.001, 0.002])
-    for cable, pull in zip(simulation.cables, pulls, strict=True):
+    for cable, pull in zip(simulation.actuators, pulls, strict=True):
         np.testing.assert_allclose(cable.points[0], pull + shift, atol=1e-12)
     top = np.flatnonzero(np.abs(before @ [0.0, 0.0, 1.0]) < 1e-3)
     moved = (simulation.positions - before)[top]
@@ -124,7 +124,7 @@ def test_the_cube_of_the_reference_preset_rests_3_mm_above_the_floor() -> None:
 
 def test_a_cable_point_outside_is_refused_by_name() -> None:
     robot = scene_of(cable_finger("finger", collides=False)).describe()
-    cable = robot.joints[0].cable
+    cable = robot.joints[0].actuator
     assert cable is not None
     points = cable_points(cable)
     assert points.shape == (13, 3)

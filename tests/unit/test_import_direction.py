@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from softsim_core.scene.robot import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
@@ -45,13 +49,61 @@ FORBIDDEN = {
 BRIDGE_MAY_USE = (
     "softsim_core.errors",
     "softsim_core.units",
-    "softsim_core.actuation.limits",
+    "softsim_core.mechanics.limits",
     "softsim_core.scene",
+    "softsim_core.scene.board",
     "softsim_core.scene.description",
     "softsim_core.scene.files",
+    "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
 )
 """What servo_bridge uses of the core: errors, units, limits, and the description and loader of robots."""
+
+LAYERS = (
+    ("errors", "kernels", "units"),
+    ("arrays",),
+    ("values", "registry"),
+    ("linalg",),
+    ("mesh",),
+    ("fem",),
+    ("mechanics",),
+    ("actuation",),
+    ("contact",),
+    ("dynamics",),
+    ("scene",),
+    ("robots",),
+    ("simulation",),
+    ("inverse", "warmup"),
+)
+"""Folders and files of softsim_core, lowest first; inverse control runs a whole simulation as its model."""
+
+
+PHYSICS = (
+    "linalg",
+    "mesh",
+    "fem",
+    "mechanics",
+    "actuation",
+    "contact",
+    "dynamics",
+    "scene/description.py",
+    "scene/objects.py",
+    "scene/body.py",
+    "scene/regions.py",
+    "scene/*builder.py",
+    "simulation/scene_state.py",
+    "simulation/bases.py",
+)
+"""What knows bodies, joints and forces, and nothing of the robot around them."""
+
+ROBOT_MODULES = tuple(
+    f"softsim_core.scene.{name}" for name in ("robot", "control", "board", "view", "running", "scene")
+)
+ROBOT_WORDS = {"board", "keyboard", "namespace", "ros", "teleop", "viewer"}
+"""Words that name nothing but a robot's matters."""
+
+ROBOT_FIELDS = {field.name for field in dataclasses.fields(RobotDescription)} - {"scene"}
+"""What a robot has beside its scene; `scene.keys` is one, the keys of a mapping or of a sort are not."""
 
 
 def imports(tree: ast.AST, package: str) -> Iterator[tuple[str, int]]:
@@ -93,6 +145,108 @@ def test_no_forbidden_import(package: str) -> None:
         if within(name, FORBIDDEN[package])
     ]
     assert found == []
+
+
+def test_folders_of_the_core_import_downward_only() -> None:
+    level = {name: k for k, names in enumerate(LAYERS) for name in names}
+    found = []
+    for file in sources("softsim_core"):
+        inside = file.relative_to(REPOSITORY / "softsim_core").with_suffix("").parts
+        if inside == ("__init__",):
+            continue  # the package's front door names what is above it, and loads it when it is asked for
+        for name, line in imported(file):
+            words = name.split(".")
+            if words[0] == "softsim_core" and words[1] != inside[0] and level[words[1]] >= level[inside[0]]:
+                found.append(f"{file.relative_to(REPOSITORY)}:{line} imports {name}")
+    assert found == []
+
+
+def physics() -> list[Path]:
+    core = REPOSITORY / "softsim_core"
+    patterns = [name if name.endswith(".py") else f"{name}/**/*.py" for name in PHYSICS]
+    found = {pattern: set(core.glob(pattern)) for pattern in patterns}
+    assert all(found.values()), found
+    return sorted(set().union(*found.values()))
+
+
+def robot_words(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """Words of a robot in names and texts, and fields of a robot that are read from a scene."""
+    for node in ast.walk(tree):
+        for field in ("id", "attr", "arg", "name", "value"):
+            text = getattr(node, field, None)
+            if isinstance(text, str):
+                words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+", text)
+                yield from ((word, node.lineno) for word in words if word.lower() in ROBOT_WORDS)
+        if isinstance(node, ast.Attribute) and node.attr in ROBOT_FIELDS:
+            owner = ast.unparse(node.value).rpartition(".")[2]
+            if owner in ("scene", "description", "robot"):
+                yield f"{owner}.{node.attr}", node.lineno
+
+
+def test_the_physics_imports_no_robot_matters() -> None:
+    found = [
+        f"{file.relative_to(REPOSITORY)}:{line} imports {name}"
+        for file in physics()
+        for name, line in imported(file)
+        if within(name, ROBOT_MODULES)
+    ]
+    assert found == []
+
+
+def test_the_physics_does_not_mention_keys_boards_poses_views_or_ros() -> None:
+    found = [
+        f"{file.relative_to(REPOSITORY)}:{line} says {word}"
+        for file in physics()
+        for word, line in robot_words(ast.parse(file.read_text()))
+    ]
+    assert found == []
+
+
+def test_the_reader_of_words_sees_every_form() -> None:
+    code = """
+def press(board_file, keys): "A text about ROS."
+simulation.scene.view = NamespaceOf(scene.poses, pose=3, boarding=array.view(), order=values.keys())
+class BoardUser: pass
+"""
+    words = sorted(word for word, _ in robot_words(ast.parse(code)))
+    assert words == ["Board", "Namespace", "ROS", "board", "scene.poses", "scene.view"]
+
+
+def test_functions_of_the_core_take_at_most_eight_arguments() -> None:
+    """But for compiled kernels, which take named groups, and ready-made parts, whose keywords are data."""
+    found = []
+    for file in sources("softsim_core"):
+        if "robots" in file.parts:
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                marks = {ast.unparse(mark) for mark in node.decorator_list}
+                names = [
+                    each.arg for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+                ]
+                count = len(names) - (names[:1] == ["self"] or names[:1] == ["cls"])
+                if count > 8 and not marks & {"kernel", "inlined", "intrinsic"}:
+                    found.append(f"{file.relative_to(REPOSITORY)}:{node.lineno} {node.name} takes {count}")
+    assert found == []
+
+
+def test_no_files_of_the_packages_import_each_other_in_a_circle() -> None:
+    modules = {
+        ".".join(file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__"): file
+        for package in PACKAGES
+        for file in sources(package)
+    }
+    arrows = {
+        name: {
+            other
+            for other, _ in imported(file)
+            if other in modules and not f"{name}.".startswith(f"{other}.")
+        }
+        for name, file in modules.items()
+    }
+    while leaves := {name for name, below in arrows.items() if not below & arrows.keys()}:
+        arrows = {name: below for name, below in arrows.items() if name not in leaves}
+    assert sorted(arrows) == []
 
 
 def test_the_bridge_uses_only_errors_units_limits_and_robot_configs() -> None:
@@ -161,7 +315,7 @@ def test_the_core_loads_scenes_without_the_optional_packages() -> None:
         "import sys\n"
         "for name in ('cattrs', 'yaml', 'numba', 'rclpy', 'serial', 'meshio'): sys.modules[name] = None\n"
         "from softsim_core.scene import Scene, load_scene\n"
-        "from softsim_core.scene.parts import servo\n"
+        "from softsim_core.robots.parts import servo\n"
         "scene = Scene(); scene.add(servo('a')); assert scene.describe().joint_names == ('a',)\n"
     )
     result = subprocess.run(

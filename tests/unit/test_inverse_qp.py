@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from softsim_core import Pose, load_scene
+from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
-from softsim_core.inverse.problem import QP, Constraint, Limits, build, torque_rows
+from softsim_core.inverse.problem import QP, Constraint, Limits, Linearisation, build, torque_rows
 from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.solver import kkt_residual, need_daqp, solve
 from softsim_core.inverse.tasks import PositionTask
-from softsim_core.scene.description import InverseSettings
+from softsim_core.scene.control import InverseSettings
 
 HERE = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 SETTINGS = InverseSettings(effort_weight=0.0)
@@ -35,10 +36,16 @@ def random_qp(rng: np.random.Generator) -> QP:
     root = rng.normal(size=(size, size))
     names = tuple(str(k) for k in range(size + rows))
     return QP(
-        root @ root.T + 1e-3 * np.eye(size), rng.normal(size=size), rng.normal(size=(rows, size)),
-        rng.uniform(0.0, 0.5, rows), -rng.uniform(0.0, 0.4, size), rng.uniform(0.0, 0.4, size),
-        np.ones(size, bool), np.ones(size, bool), names,
-    )  # fmt: skip
+        root @ root.T + 1e-3 * np.eye(size),
+        rng.normal(size=size),
+        rng.normal(size=(rows, size)),
+        rng.uniform(0.0, 0.5, rows),
+        -rng.uniform(0.0, 0.4, size),
+        rng.uniform(0.0, 0.4, size),
+        np.ones(size, bool),
+        np.ones(size, bool),
+        names,
+    )
 
 
 @pytest.mark.parametrize("seed", range(50))
@@ -62,11 +69,16 @@ def test_a_wrong_answer_has_a_large_residual() -> None:
     assert kkt_residual(qp, np.zeros(len(qp.q)), np.zeros(len(qp.q) + len(qp.h))) > 1e-3
 
 
+def at(J: Array, joints: Array) -> Linearisation:
+    """A robot at rest with given derivatives (6, 3) of its effector."""
+    return Linearisation(Sensitivity(J, np.eye(3)), HERE, joints, np.zeros(3))
+
+
 def test_the_unconstrained_step_solves_the_task() -> None:
     J = np.random.default_rng(2).normal(size=(6, 3))
     task = PositionTask(J[:3] @ [0.01, -0.02, 0.03], np.ones(3))
     settings = replace(SETTINGS, max_shift=1.0)
-    qp = build([task], Sensitivity(J, np.eye(3)), HERE, np.zeros(3), np.zeros(3), limits(), settings)
+    qp = build([task], at(J, np.zeros(3)), limits(), settings)
     np.testing.assert_allclose(solve(qp).dq, [0.01, -0.02, 0.03], atol=1e-9)
 
 
@@ -75,7 +87,7 @@ def test_limits_are_kept_exactly_and_named() -> None:
     task = PositionTask(np.array([0.5, -0.5, 0.005]), np.ones(3))
     settings = replace(SETTINGS, max_shift=1.0)
     joints = np.array([0.97, 0.0, 0.0])
-    solution = solve(build([task], Sensitivity(J, np.eye(3)), HERE, joints, np.zeros(3), limits(), settings))
+    solution = solve(build([task], at(J, joints), limits(), settings))
     assert solution.dq[0] == 1.0 - 0.97
     assert solution.dq[1] == -0.1
     assert solution.active == ("joint_0 upper", "joint_1 speed")
@@ -84,8 +96,12 @@ def test_limits_are_kept_exactly_and_named() -> None:
 def test_joints_outside_their_interval_are_led_back() -> None:
     J = np.vstack([np.eye(3), np.zeros((3, 3))])
     joints = np.array([1.5, -1.05, 0.0])
-    qp = build([PositionTask(np.zeros(3), np.ones(3))], Sensitivity(J, np.eye(3)), HERE, joints, np.zeros(3),
-               limits(), SETTINGS)  # fmt: skip
+    qp = build(
+        [PositionTask(np.zeros(3), np.ones(3))],
+        at(J, joints),
+        limits(),
+        SETTINGS,
+    )
     np.testing.assert_allclose(solve(qp).dq, [-0.1, 0.05, 0.0], atol=1e-12)
 
 
@@ -102,8 +118,13 @@ def test_torque_rows_stop_at_the_limit_and_lead_back_over_it() -> None:
 def test_what_cannot_be_is_infeasible_and_moves_nothing() -> None:
     J = np.vstack([np.eye(3), np.zeros((3, 3))])
     wall = Constraint(np.array([[1.0, 0.0, 0.0]]), np.array([-0.5]), ("wall",))  # dq_0 <= -0.5: too fast
-    qp = build([PositionTask(np.ones(3), np.ones(3))], Sensitivity(J, np.eye(3)), HERE, np.zeros(3),
-               np.zeros(3), limits(), SETTINGS, constraints=[wall])  # fmt: skip
+    qp = build(
+        [PositionTask(np.ones(3), np.ones(3))],
+        at(J, np.zeros(3)),
+        limits(),
+        SETTINGS,
+        constraints=[wall],
+    )
     solution = solve(qp)
     assert solution.status == "infeasible"
     np.testing.assert_array_equal(solution.dq, np.zeros(3))
@@ -114,8 +135,13 @@ def test_what_cannot_be_is_infeasible_and_moves_nothing() -> None:
 def test_further_rows_enter_and_are_named() -> None:
     J = np.vstack([np.eye(3), np.zeros((3, 3))])
     wall = Constraint(np.array([[1.0, 0.0, 0.0]]), np.array([0.002]), ("wall",))
-    qp = build([PositionTask(np.full(3, 0.009), np.ones(3))], Sensitivity(J, np.eye(3)), HERE, np.zeros(3),
-               np.zeros(3), limits(), SETTINGS, constraints=[wall])  # fmt: skip
+    qp = build(
+        [PositionTask(np.full(3, 0.009), np.ones(3))],
+        at(J, np.zeros(3)),
+        limits(),
+        SETTINGS,
+        constraints=[wall],
+    )
     solution = solve(qp)
     np.testing.assert_allclose(solution.dq, [0.002, 0.009, 0.009], atol=1e-11)
     assert solution.active == ("wall",)
@@ -135,12 +161,12 @@ def test_redundant_joints_share_by_effort() -> None:
     settings = InverseSettings(effort_weight=1e-6)
     task = PositionTask(np.array([0.005, 0.0, 0.0]), np.ones(3))
     sensitivity = Sensitivity(J, np.diag([2.0, 1.0]))
-    qp = build([task], sensitivity, HERE, np.zeros(2), np.zeros(2), limits(2), settings)
+    qp = build([task], Linearisation(sensitivity, HERE, np.zeros(2), np.zeros(2)), limits(2), settings)
     np.testing.assert_allclose(solve(qp).dq, [0.001, 0.004], rtol=1e-4)
 
 
 def test_the_settings_narrow_the_robot_s_limits() -> None:
-    scene = load_scene("tripod", kind="robots")
+    scene = load_scene("tripod", kind="robots").scene
     own = Limits.of(scene, InverseSettings(), 0.01)
     np.testing.assert_array_equal(own.lower, np.full(3, -2.0225))
     np.testing.assert_allclose(own.step, 0.035)

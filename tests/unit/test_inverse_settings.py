@@ -9,7 +9,7 @@ import pytest
 
 from softsim_core import load_scene
 from softsim_core.errors import ConfigError, SceneError
-from softsim_core.scene.description import InverseSettings
+from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.structure import structure_scene, unstructure_scene
 
 

@@ -17,7 +17,7 @@ from softsim_core.inverse.tasks import (
     tilt_of,
 )
 from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
-from softsim_core.scene.description import InverseSettings
+from softsim_core.scene.control import InverseSettings
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -87,6 +87,34 @@ def test_a_frame_upside_down_still_has_a_finite_error() -> None:
     for task in (HeightTiltTask(0.0, 0.0, 0.0, np.ones(3)), OrientationTask(UPRIGHT, np.ones(3))):
         assert np.isfinite(task.error(Pose(np.zeros(3), down))).all()
         assert np.isfinite(task.jacobian(np.ones((6, 2)), Pose(np.zeros(3), down))).all()
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-3])
+@pytest.mark.parametrize("seed", range(5))
+def test_upside_down_is_half_a_turn_away_and_leads_out(seed: int, off: float) -> None:
+    rng = np.random.default_rng(seed)
+    goal = pose(rng, 0.5)
+    turned = rotation_of(goal.quaternion_xyzw) @ rotation_exp(np.pi * np.array([0.6, 0.8, 0.0]))
+    away = off * rng.normal(size=3)
+    current = Pose(goal.position, quaternion_of(rotation_exp(away) @ turned))
+    for kind in ("orientation", "height_tilt", "pose"):
+        task = task_for(goal, InverseSettings(task=kind))  # type: ignore[arg-type]
+        turn = np.array(task.angular)
+        assert np.linalg.norm(task.error(current)[turn]) > (2.5 if kind == "height_tilt" else 3.13)
+        there, effector = current, np.eye(6)
+        for _ in range(100):
+            error = limited(task.error(there), task.angular, 0.01, 0.1)
+            step = np.linalg.lstsq(task.jacobian(effector, there), error, rcond=1e-6)[0]
+            there = moved(there, step * min(1.0, 0.2 / max(np.linalg.norm(step), 1e-12)))
+        assert np.abs(task.error(there)).max() < 1e-6
+
+
+def test_a_goal_upside_down_is_no_upright_one() -> None:
+    down = quaternion_of(np.diag([1.0, -1.0, -1.0]))
+    assert np.hypot(*tilt_of(down)) == pytest.approx(np.pi)
+    task = task_for(Pose(np.zeros(3), down), InverseSettings(task="height_tilt"))
+    assert np.linalg.norm(task.error(Pose(np.zeros(3), UPRIGHT))[1:]) == pytest.approx(np.pi)
+    assert np.abs(task.error(Pose(np.zeros(3), down))).max() < 1e-12
 
 
 def test_target_limiting_keeps_the_direction() -> None:

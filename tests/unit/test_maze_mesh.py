@@ -9,7 +9,16 @@ import pytest
 
 from softsim_core.errors import MeshError
 from softsim_core.mesh import enclosed_volume, is_closed, read_surface
-from softsim_core.mesh.maze_mesh import EDGE, TOP, UNDERSIDE, WALL, grid_lines, main, maze_plate, read_picture
+from softsim_core.robots.maze_mesh import (
+    EDGE,
+    TOP,
+    UNDERSIDE,
+    WALL,
+    grid_lines,
+    main,
+    maze_plate,
+    read_picture,
+)
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
 PICTURE = (MESHES / "maze.txt").read_text()

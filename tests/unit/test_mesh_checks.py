@@ -21,7 +21,7 @@ from softsim_core.mesh import (
     rotation_matrix,
     vertex_normals,
 )
-from softsim_core.scene.values import Placement
+from softsim_core.values import Placement
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 ONE = np.array([[0, 1, 2, 3]])

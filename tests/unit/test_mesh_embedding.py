@@ -8,10 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softsim_core.errors import MeshError
-from softsim_core.mesh import TetMesh, box_mesh, embed
-from softsim_core.mesh.tripod_mesh import tripod_silicone
+from softsim_core.mesh import Embedding, SurfaceMesh, TetMesh, box_mesh, embed
+from softsim_core.mesh.follower import SurfaceFollower
+from softsim_core.robots.tripod_mesh import tripod_silicone
 
 BOX = box_mesh((0.06, 0.04, 0.03), (3, 2, 2))
+
+
+def following(points: np.ndarray, embedding: Embedding) -> SurfaceFollower:
+    """Points that follow the nodes of the box."""
+    surface = SurfaceMesh(points, np.zeros((0, 3), np.int64), "points")
+    return SurfaceFollower([(surface, embedding, 0)], len(BOX.points))
 
 
 @settings(deadline=None, max_examples=40)
@@ -21,12 +28,11 @@ def test_affine_fields_are_reproduced_inside_and_outside(seed: int, spread: floa
     points = np.array([0.03, 0.02, 0.015]) + rng.normal(scale=0.01 + 0.03 * spread, size=(20, 3))
     matrix, shift, slope = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=3)
     embedding = embed(points, BOX)
+    follower = following(points, embedding)
     np.testing.assert_allclose(
-        embedding.apply(BOX.points @ matrix.T + shift), points @ matrix.T + shift, atol=1e-12
+        follower.follow(BOX.points @ matrix.T + shift), points @ matrix.T + shift, atol=1e-12
     )
-    np.testing.assert_allclose(
-        embedding.interpolate(BOX.points @ slope + 3.0), points @ slope + 3.0, atol=1e-12
-    )
+    np.testing.assert_allclose(follower.follow(BOX.points @ slope + 3.0), points @ slope + 3.0, atol=1e-12)
     np.testing.assert_allclose(embedding.weights.sum(axis=1), 1.0, atol=1e-12)
 
 
@@ -61,17 +67,9 @@ def test_points_of_the_mesh_itself_stay_with_their_node_even_rounded_to_float32(
     np.testing.assert_array_equal(nearest, np.arange(len(mesh.points)))
 
 
-def test_spread_is_the_transpose_of_apply() -> None:
-    rng = np.random.default_rng(3)
-    embedding = embed(rng.uniform(0.0, 0.05, size=(15, 3)), BOX)
-    velocities, forces = rng.normal(size=(len(BOX.points), 3)), rng.normal(size=(15, 3))
-    on_nodes = embedding.spread(forces, len(BOX.points))
-    assert np.sum(on_nodes * velocities) == pytest.approx(np.sum(forces * embedding.apply(velocities)))
-
-
 def test_no_points_is_no_error() -> None:
-    embedding = embed(np.empty((0, 3)), BOX)
-    assert embedding.apply(BOX.points).shape == (0, 3)
+    points = np.empty((0, 3))
+    assert following(points, embed(points, BOX)).follow(BOX.points).shape == (0, 3)
 
 
 def test_what_cannot_be_embedded_is_refused() -> None:

@@ -21,7 +21,7 @@ from softsim_core.mesh import (
     write_surface,
     write_tets,
 )
-from softsim_core.scene.values import Placement
+from softsim_core.values import Placement
 
 GID = """MESH dimension 3 ElemType Tetrahedra Nnode 4
 Coordinates

@@ -22,8 +22,8 @@ from softsim_core.mesh import (
     read_tets,
     rotation_matrix,
 )
-from softsim_core.mesh.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silicone
-from softsim_core.scene.values import Placement
+from softsim_core.robots.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silicone
+from softsim_core.values import Placement
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 NODES = {"low": 246, "mid": 765, "high": 1536}

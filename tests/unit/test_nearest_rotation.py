@@ -7,20 +7,19 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.dynamics.stepper import Inputs
-from softsim_core.fem.corotational import polar_rotations
+from softsim_core.dynamics.backends import Backend, make_stepper
+from softsim_core.fem.materials.corotational import polar_rotations
+from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import Backend
 
 MATRICES = 300
 
 
 def compiled(matrix: Array) -> Array:
     pytest.importorskip("numba")
-    from softsim_core.dynamics.fast.rotation import nearest_rotation
+    from softsim_core.dynamics.numba_backend.rotation import nearest_rotation
 
     result = np.empty((3, 3))
     nearest_rotation(np.ascontiguousarray(matrix), result)
@@ -107,7 +106,7 @@ def test_one_step_from_a_crumpled_shape_is_the_same_on_both_paths(seed: int) -> 
         state = model.rest_state()
         state.positions[free] = positions
         make_stepper(model, backend).step(
-            state, Inputs(np.zeros(0), np.zeros_like(model.rest)), built.parameters
+            state, Control(np.zeros(0), np.zeros_like(model.rest)), built.parameters
         )
         ends.append(state.positions)
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
@@ -121,12 +120,12 @@ def test_a_collapsed_body_stays_finite(shape: str, backend: Backend) -> None:
     model, state = built.model, built.model.rest_state()
     state.positions[:] = model.rest * {"point": [0, 0, 0], "line": [1, 0, 0], "plane": [1, 1, 0]}[shape]
     stepper = make_stepper(model, backend)
-    inputs = Inputs(np.zeros(0), np.zeros_like(model.rest))
-    stepper.step(state, inputs, built.parameters)
+    control = Control(np.zeros(0), np.zeros_like(model.rest))
+    stepper.step(state, control, built.parameters)
     assert np.isfinite(state.buffer).all()
     state.positions += np.random.default_rng(0).normal(scale=1e-4, size=state.positions.shape)
     for _ in range(1000):
-        if stepper.step(state, inputs, built.parameters) < 1e-7:
+        if stepper.step(state, control, built.parameters).top_speed < 1e-7:
             break
     assert np.isfinite(state.buffer).all()
     assert np.abs(state.positions).max() < 0.1

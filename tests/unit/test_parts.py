@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import ConfigError, SceneError
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene import Part, Scene, parts
-from softsim_core.scene.description import Controller, SceneDescription
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.robots import parts
+from softsim_core.scene import Part, Scene
+from softsim_core.scene.robot import Controller, RobotDescription
+from softsim_core.values import MeshFile, Placement
 
 
-def described(*items: Any) -> SceneDescription:
+def described(*items: Any) -> RobotDescription:
     scene = Scene()
     scene.add(items)
     return scene.describe()
@@ -47,9 +48,9 @@ def test_tripod_part_is_the_robot_of_the_config(level: str) -> None:
     robot = load_scene("tripod" if level == "low" else f"tripod_{level}", kind="robots")
     part = parts.tripod(silicone=parts.tripod_silicone(level))  # type: ignore[arg-type]
     assert_same(part.joints, robot.joints)
-    assert_same(part.attachments, robot.attachments)
-    assert part.effector == robot.effector
-    for one, other in zip(part.bodies, robot.bodies, strict=True):
+    assert_same(part.attachments, robot.scene.attachments)
+    assert part.effector == robot.scene.effector
+    for one, other in zip(part.bodies, robot.scene.bodies, strict=True):
         assert_same(
             (one.material, one.total_mass, one.colour), (other.material, other.total_mass, other.colour)
         )
@@ -73,7 +74,7 @@ def test_other_tripods_are_valid() -> None:
         np.testing.assert_allclose(inward, -np.array([x, y]) / 0.08, atol=1e-12)
         assert (z, joint.limits) == (-0.00135, JointLimits(-1.0, 1.0))
     np.testing.assert_allclose(scene.joints[0].base.translation, [0.0, 0.08, -0.00135], atol=1e-12)
-    assert [attachment.to for attachment in scene.attachments] == [*scene.joint_names, "free"]
+    assert [attachment.to for attachment in scene.scene.attachments] == [*scene.joint_names, "free"]
 
 
 @pytest.mark.parametrize(
@@ -86,8 +87,8 @@ def test_other_tripods_are_valid() -> None:
 )
 def test_zones_can_be_left_out(options: dict[str, Any], targets: list[str], effector: str | None) -> None:
     scene = described(parts.tripod(**options))
-    assert [attachment.to for attachment in scene.attachments] == targets
-    assert scene.effector == effector
+    assert [attachment.to for attachment in scene.scene.attachments] == targets
+    assert scene.scene.effector == effector
 
 
 def test_free_tips_start_at_the_ends_of_the_arms() -> None:
@@ -107,8 +108,14 @@ def test_parts_can_be_used_several_times() -> None:
         parts.actuated_arm("b", holds="one", base=Placement(translation=(1.0, 0.0, 0.0))),
         parts.actuated_arm("c", holds="two", tip="end", stiffness=10.0, inertia=0.1),
     )
-    assert [body.name for body in scene.bodies] == ["one", "two"]
-    assert [each.name for each in scene.attachments] == ["hold_one", "hold_two", "spring", "b_tip", "end"]
+    assert [body.name for body in scene.scene.bodies] == ["one", "two"]
+    assert [each.name for each in scene.scene.attachments] == [
+        "hold_one",
+        "hold_two",
+        "spring",
+        "b_tip",
+        "end",
+    ]
     assert scene.joint_names == ("a", "b", "c")
     assert scene.joints[2].stiffness == 10.0
 
@@ -154,7 +161,7 @@ def test_arm_demo_swings_both_arms() -> None:
 def test_body_demo_sags_around_its_held_hole() -> None:
     simulation = run("parts/elastic_body", 30)
     drop = simulation.model.rest[:, 2] - simulation.positions[:, 2]
-    assert drop[simulation.model.zone_of_node == -2] == pytest.approx(0.0, abs=1e-12)
+    assert drop[simulation.model.region_of_node == -2] == pytest.approx(0.0, abs=1e-12)
     assert 0.001 < drop.max() < 0.050
 
 
@@ -185,7 +192,7 @@ def test_what_holds_the_silicone_in_each_step() -> None:
 def test_a_users_scene_with_a_key_controller_runs(tmp_path: Path) -> None:
     path = tmp_path / "own.py"
     path.write_text(
-        "from softsim_core.scene.parts import servo\n"
+        "from softsim_core.robots.parts import servo\n"
         "def create_scene(scene):\n"
         "    scene.add(servo('a'))\n"
         "    @scene.on_key\n"

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softsim_core.scene.regions import nodes_in
-from softsim_core.scene.values import Box, Sphere
+from softsim_core.values import Box, Sphere
 
 
 def test_a_box_includes_its_faces_edges_and_corners() -> None:

@@ -7,10 +7,12 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import JointDescription, SceneDescription, SolverSettings
-from softsim_core.scene.objects import CollisionDescription, ContactSettings, RigidBodyDescription, Shape
-from softsim_core.scene.values import Placement
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import Placement
 
 
 def drop(backend: str = "auto") -> SceneDescription:

@@ -118,7 +118,7 @@ def test_meshes_of_symlinked_configs_are_found(tmp_path: Path) -> None:
     link = tmp_path / "install" / "robots" / "own.yaml"
     link.parent.mkdir(parents=True)
     link.symlink_to(real)
-    mesh = load_scene(link).bodies[0].mesh
+    mesh = load_scene(link).scene.bodies[0].mesh
     assert mesh.file == tmp_path / "checkout" / "configs" / "meshes" / "a.vtk"  # type: ignore[union-attr]
 
 
@@ -126,4 +126,4 @@ def test_meshes_of_symlinked_configs_are_found(tmp_path: Path) -> None:
 def test_every_scene_of_the_product_loads(name: str) -> None:
     scene = load_scene(name)
     assert scene.source == known_scenes()[name]
-    assert scene.body_names or scene.joints
+    assert scene.scene.body_names or scene.joints

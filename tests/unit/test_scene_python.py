@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from pathlib import Path
 from textwrap import dedent
@@ -12,6 +13,7 @@ from softsim_core.errors import CommandError, ConfigError, SceneError
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene import Part, Scene, load_python, load_scene
 from softsim_core.scene.description import JointDescription
+from softsim_core.scene.moved import MODULES
 from softsim_core.scene.scene import animated
 
 
@@ -46,7 +48,7 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
         """
         from beside import NAME
         from softsim_core.scene.description import SolverSettings
-        from softsim_core.scene.parts import elastic_body, fixing_box, servo
+        from softsim_core.robots.parts import elastic_body, fixing_box, servo
 
         def create_scene(scene):
             scene.name = NAME
@@ -63,11 +65,11 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
     before = list(sys.path)
     scene = load_scene(path)
     assert sys.path == before
-    assert (scene.name, scene.dt, scene.gravity) == ("mine", 0.002, (0.0, 0.0, -1.62))
-    assert scene.solver.rotation == "qr"
+    assert (scene.name, scene.scene.dt, scene.scene.gravity) == ("mine", 0.002, (0.0, 0.0, -1.62))
+    assert scene.scene.solver.rotation == "qr"
     assert scene.joint_names == ("left", "right")
     assert scene.poses == {"up": (0.0, 1.0)}
-    assert scene.bodies[0].mesh.file == tmp_path / "body.vtk"  # type: ignore[union-attr]
+    assert scene.scene.bodies[0].mesh.file == tmp_path / "body.vtk"  # type: ignore[union-attr]
     assert scene.source == path
     assert not (tmp_path / "__pycache__" / "own.pyc").exists()
 
@@ -78,7 +80,7 @@ def test_meshes_may_be_arrays(tmp_path: Path) -> None:
         """
         import numpy as np
         from softsim_core.mesh.types import TetMesh
-        from softsim_core.scene.parts import elastic_body
+        from softsim_core.robots.parts import elastic_body
 
         MESH = TetMesh(points=np.eye(4, 3), tets=np.array([[0, 1, 2, 3]]))
 
@@ -86,7 +88,7 @@ def test_meshes_may_be_arrays(tmp_path: Path) -> None:
             scene.add(elastic_body("block", MESH, np.float32(1000.0), total_mass=np.int64(2)))
         """,
     )
-    body = load_scene(path, {"dt": 0.1}).bodies[0]
+    body = load_scene(path, {"dt": 0.1}).scene.bodies[0]
     assert isinstance(body.mesh, TetMesh)
     assert (type(body.material.young_modulus), type(body.total_mass)) == (float, float)
 
@@ -97,16 +99,16 @@ def test_the_name_defaults_to_the_files(tmp_path: Path) -> None:
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     path = write(tmp_path, "def create_scene(scene): scene.dt = 1.0")
-    assert load_python(path).dt == 1.0
+    assert load_python(path).scene.dt == 1.0
     write(tmp_path, "def create_scene(scene): scene.dt = 2.0")
-    assert load_python(path).dt == 2.0
+    assert load_python(path).scene.dt == 2.0
 
 
 def test_overrides(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         """
-        from softsim_core.scene.parts import servo
+        from softsim_core.robots.parts import servo
 
         def create_scene(scene):
             scene.add(servo("a"))
@@ -114,7 +116,7 @@ def test_overrides(tmp_path: Path) -> None:
         """,
     )
     scene = load_scene(path, {"dt": 0.5, "joints": [{"name": "a", "rest": 1.0}]})
-    assert (scene.dt, scene.joints[0].rest) == (0.5, 1.0)
+    assert (scene.scene.dt, scene.joints[0].rest) == (0.5, 1.0)
     assert [each.on_end is not None for each in scene.controllers] == [True]
 
 
@@ -150,7 +152,7 @@ def test_overrides(tmp_path: Path) -> None:
 )
 def test_mistakes_in_the_file(tmp_path: Path, body: str, key: str, words: list[str]) -> None:
     text = (
-        "from softsim_core.scene.parts import *; from softsim_core.scene import load_scene\n"
+        "from softsim_core.robots.parts import *; from softsim_core.scene import load_scene\n"
         f"def create_scene(scene):\n    {body}\n"
     )
     error = refusal(write(tmp_path, text))
@@ -180,6 +182,32 @@ def test_files_that_do_not_run(tmp_path: Path, text: str, key: str, words: list[
     assert error.key == key
     for word in words:
         assert word in str(error)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("from softsim_core.scene.parts import servo", "import softsim_core.robots.parts in its place"),
+        ("from softsim_core.scene import parts", "import softsim_core.robots.parts in its place"),
+        ("import softsim_core.dynamics.simulation", "import softsim_core.simulation in its place"),
+        (
+            "from softsim_core.scene.description import KeyBinding",
+            "not in softsim_core.scene.description any more; write `from softsim_core import KeyBinding`",
+        ),
+        ("from softsim_core.mesh import nothing", "ImportError: cannot import name 'nothing'"),
+        ("import softsim_core.nothing", "ModuleNotFoundError: No module named 'softsim_core.nothing'"),
+    ],
+)
+def test_what_has_moved_is_named_with_its_new_place(tmp_path: Path, line: str, words: str) -> None:
+    error = refusal(write(tmp_path, f"{line}\n\ndef create_scene(scene): pass\n"))
+    assert error.key == "line 1"
+    assert words in error.problem
+
+
+def test_every_module_that_moved_has_gone_from_its_old_place_and_is_at_the_new_one() -> None:
+    for old, new in MODULES.items():
+        assert importlib.util.find_spec(old) is None
+        assert importlib.util.find_spec(new) is not None
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

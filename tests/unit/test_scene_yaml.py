@@ -13,20 +13,21 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import ConfigError
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import SceneDescription, load_scene, load_yaml
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
     JointDescription,
-    MaterialDescription,
     SolverSettings,
 )
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.structure import structure_scene, unstructure_scene
-from softsim_core.scene.values import Box, MeshFile, Placement, Sphere
 from softsim_core.scene.view import ViewSettings
 from softsim_core.scene.yaml_source import SourcedMapping, key_path
+from softsim_core.values import Box, MeshFile, Placement, Sphere
 
 MINIMAL = """\
 name: block
@@ -63,19 +64,21 @@ def refusal(path: Path, **options: Any) -> ConfigError:
 
 def test_minimal_scene_has_the_defaults(write: Write, tmp_path: Path) -> None:
     scene = load_yaml(write(MINIMAL))
-    assert scene == SceneDescription(
-        name="block",
-        bodies=(
-            BodyDescription(
-                name="block",
-                mesh=MeshFile(file=tmp_path / "block.vtk"),
-                material=MaterialDescription(young_modulus=1000.0, poisson_ratio=0.3),
-                total_mass=1.0,
+    assert scene == RobotDescription(
+        scene=SceneDescription(
+            name="block",
+            bodies=(
+                BodyDescription(
+                    name="block",
+                    mesh=MeshFile(file=tmp_path / "block.vtk"),
+                    material=MaterialDescription(young_modulus=1000.0, poisson_ratio=0.3),
+                    total_mass=1.0,
+                ),
             ),
         ),
         source=tmp_path / "scene.yaml",
     )
-    assert isinstance(scene.bodies[0].total_mass, float)
+    assert isinstance(scene.scene.bodies[0].total_mass, float)
 
 
 def test_the_tripod_has_the_documented_values() -> None:
@@ -85,19 +88,21 @@ def test_the_tripod_has_the_documented_values() -> None:
     assert robot.poses["mid"] == pytest.approx((-3.14 / 3,) * 3)
     assert robot.board is not None
     assert [servo.joint for servo in robot.board.servos] == list(robot.joint_names)
-    assert robot.effector == "centre"
-    assert all(isinstance(body.mesh, MeshFile) and body.mesh.file.is_absolute() for body in robot.bodies)
+    assert robot.scene.effector == "centre"
+    assert all(
+        isinstance(body.mesh, MeshFile) and body.mesh.file.is_absolute() for body in robot.scene.bodies
+    )
 
 
 @pytest.mark.parametrize("level", ["mid", "high"])
 def test_finer_tripods_differ_in_their_meshes_only(level: str) -> None:
     low, fine = load_scene("tripod"), load_scene(f"tripod_{level}")
-    body, mesh = fine.bodies[0], fine.bodies[0].mesh
+    body, mesh = fine.scene.bodies[0], fine.scene.bodies[0].mesh
     assert isinstance(mesh, MeshFile)
     assert mesh.file.name == f"tripod_{level}.vtk"
-    assert mesh.placement == low.bodies[0].mesh.placement  # type: ignore[union-attr]
-    assert (fine.joints, fine.attachments, fine.keys) == (low.joints, low.attachments, low.keys)
-    assert (body.material, body.total_mass) == (low.bodies[0].material, low.bodies[0].total_mass)
+    assert mesh.placement == low.scene.bodies[0].mesh.placement  # type: ignore[union-attr]
+    assert (fine.joints, fine.scene.attachments, fine.keys) == (low.joints, low.scene.attachments, low.keys)
+    assert (body.material, body.total_mass) == (low.scene.bodies[0].material, low.scene.bodies[0].total_mass)
 
 
 @pytest.mark.parametrize(
@@ -155,6 +160,18 @@ def test_every_mistake_is_one_sentence_with_its_key(
         ("young_modulus: 1000", "young_modulus: -5", "bodies[0].material.young_modulus", ["> 0 Pa", "-5.0"]),
         ("poisson_ratio: 0.3", "poisson_ratio: 0.5", "bodies[0].material.poisson_ratio", ["0.5"]),
         ("young_modulus: 1000, ", "", "bodies[0].material.young_modulus", ["missing"]),
+        (
+            "young_modulus: 1000",
+            "law: rubber, young_modulus: 1000",
+            "bodies[0].material.law",
+            ["unknown material law 'rubber'", "known: corotational, corotational_qr, stable_neo_hookean"],
+        ),
+        (
+            "poisson_ratio: 0.3",
+            "poison_ratio: 0.3",
+            "bodies[0].material.poison_ratio",
+            ["did you mean poisson"],
+        ),
         (
             "{file: block.vtk}",
             "{file: blok.vtk}",
@@ -255,8 +272,8 @@ board: null
         "child.yaml",
     )
     scene = load_yaml(child)
-    assert (scene.name, scene.gravity, scene.board) == ("base", (0.0, 0.0, 0.0), None)
-    assert scene.solver == SolverSettings(rotation="qr", rayleigh_mass=2.0)
+    assert (scene.name, scene.scene.gravity, scene.board) == ("base", (0.0, 0.0, 0.0), None)
+    assert scene.scene.solver == SolverSettings(rotation="qr", rayleigh_mass=2.0)
     assert [(joint.name, joint.rest) for joint in scene.joints] == [("a", 3.0), ("b", 2.0), ("c", 0.0)]
     assert scene.poses == {"up": (0.0, 0.0, 0.0), "down": (1.0, 2.0, 3.0)}
     assert scene.source == child
@@ -267,8 +284,8 @@ def test_extended_paths_and_mistakes_belong_to_the_file_that_wrote_them(write: W
     write("extends: ../scene.yaml\nbodies: [{name: block, total_mass: 2}]\n", "below/child.yaml")
     grandchild = write("extends: child.yaml\nname: deep\n", "below/grandchild.yaml")
     scene = load_yaml(grandchild)
-    assert scene.bodies[0].mesh.file == tmp_path / "block.vtk"  # type: ignore[union-attr]
-    assert scene.bodies[0].total_mass == 2.0
+    assert scene.scene.bodies[0].mesh.file == tmp_path / "block.vtk"  # type: ignore[union-attr]
+    assert scene.scene.bodies[0].total_mass == 2.0
     base.write_text(MINIMAL.replace("young_modulus: 1000", "young_modulus: x"))
     error = refusal(grandchild)
     assert (Path(error.file).name, error.key) == ("scene.yaml", "bodies[0].material.young_modulus")
@@ -293,7 +310,7 @@ def test_overrides_are_laid_over_and_named_in_mistakes(write: Write) -> None:
     path = write(MINIMAL)
     override = {"dt": 0.002, "bodies": [{"name": "block", "total_mass": 3}]}
     scene = load_yaml(path, override)
-    assert (scene.dt, scene.bodies[0].total_mass) == (0.002, 3.0)
+    assert (scene.scene.dt, scene.scene.bodies[0].total_mass) == (0.002, 3.0)
     error = refusal(path, overrides={"solver": {"backend": "x"}})
     assert (error.file, error.key) == ("overrides of scene.yaml", "solver.backend")
 
@@ -334,7 +351,7 @@ regions = st.one_of(
 
 
 @st.composite
-def scenes(draw: st.DrawFn) -> SceneDescription:
+def scenes(draw: st.DrawFn) -> RobotDescription:
     joint_names = draw(st.lists(names, max_size=3, unique=True))
     joints = tuple(
         JointDescription(
@@ -362,14 +379,16 @@ def scenes(draw: st.DrawFn) -> SceneDescription:
         AttachmentDescription(name=name, body="body", to=draw(targets), **draw(regions))
         for name in draw(st.lists(names, max_size=3, unique=True))
     )
-    return SceneDescription(
-        name=draw(names),
-        dt=draw(positive),
-        gravity=draw(vectors),
-        solver=draw(st.builds(SolverSettings, rayleigh_stiffness=positive)),
-        bodies=bodies,
-        joints=joints,
-        attachments=attachments,
+    return RobotDescription(
+        scene=SceneDescription(
+            name=draw(names),
+            dt=draw(positive),
+            gravity=draw(vectors),
+            solver=draw(st.builds(SolverSettings, rayleigh_stiffness=positive)),
+            bodies=bodies,
+            joints=joints,
+            attachments=attachments,
+        ),
         poses={"pose": tuple(draw(numbers) for _ in joints)},
         view=draw(st.builds(ViewSettings, boxes=st.booleans(), stress_top=st.none() | positive)),
     )
@@ -383,7 +402,7 @@ def plain(data: Any) -> Any:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(scenes())
-def test_yaml_round_trip(scene: SceneDescription) -> None:
+def test_yaml_round_trip(scene: RobotDescription) -> None:
     text = yaml.safe_dump(plain(unstructure_scene(scene)))
     assert structure_scene(SourcedMapping(yaml.safe_load(text), None), "round trip") == scene
 

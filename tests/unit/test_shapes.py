@@ -11,6 +11,7 @@ import pytest
 from softsim_core.errors import MeshError
 from softsim_core.mesh import SurfaceMesh, enclosed_volume, euler_number, is_closed, place, write_surface
 from softsim_core.mesh.shapes import (
+    Shape,
     box_surface,
     cylinder_surface,
     mass_properties,
@@ -18,8 +19,7 @@ from softsim_core.mesh.shapes import (
     sphere_surface,
     surface_of,
 )
-from softsim_core.scene.objects import Shape
-from softsim_core.scene.values import MeshFile, Placement
+from softsim_core.values import MeshFile, Placement
 
 BOX = (0.02, 0.03, 0.05)
 CLOSED = [Shape(sphere=0.013), Shape(box=BOX), Shape(cylinder=(0.01, 0.04))]

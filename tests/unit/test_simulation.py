@@ -12,30 +12,32 @@ import pytest
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.limits import JointLimits
-from softsim_core.errors import CommandError, MaterialError, SceneError, SnapshotError, SolverDivergedError
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import (
-    Backend,
-    CommandSettings,
-    Controller,
-    JointDescription,
-    SceneDescription,
-    StartAnimation,
+from softsim_core.dynamics import Backend
+from softsim_core.errors import (
+    ArrayError,
+    CommandError,
+    MaterialError,
+    SceneError,
+    SnapshotError,
+    SolverDivergedError,
 )
+from softsim_core.mechanics.control import Control
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.mesh import box_mesh
+from softsim_core.scene.control import CommandSettings, StartAnimation
+from softsim_core.scene.description import JointDescription
+from softsim_core.scene.robot import Controller, RobotDescription
 
 A = -1.4965
 DT = 0.01
 
 
-def limited(out_of_range: str = "clamp", speed: float = np.inf) -> SceneDescription:
+def limited(out_of_range: str = "clamp", speed: float = np.inf) -> RobotDescription:
     """A beam on a hinge within -1 .. 0.5 rad."""
     hinge = JointDescription(name="hinge", limits=JointLimits(-1.0, 0.5, speed), axis=(0.0, 1.0, 0.0))
     beam = body(box_mesh((0.03, 0.01, 0.01), (3, 1, 1)))
-    return scene(
-        beam,
-        joints=(hinge,),
-        attachments=(slab("root", "hinge", 0.0),),
+    return RobotDescription(
+        scene=scene(beam, joints=(hinge,), attachments=(slab("root", "hinge", 0.0),)),
         poses={"up": (0.4,)},
         start=StartAnimation(pose="up", duration=0.05, base_shift=0.02),
         commands=CommandSettings(out_of_range=out_of_range),  # type: ignore[arg-type]
@@ -235,17 +237,59 @@ def test_snapshots_of_other_scenes_and_foreign_bytes_are_refused() -> None:
     sim = Simulation(limited(), backend="scipy")
     sim.step()
     before = sim.snapshot()
-    finer = replace(limited(), bodies=(body(box_mesh((0.03, 0.01, 0.01), (6, 1, 1))),))
+    finer = limited().with_scene(bodies=(body(box_mesh((0.03, 0.01, 0.01), (6, 1, 1))),))
     other = Simulation(finer, backend="scipy").snapshot()
-    slower = Simulation(replace(limited(), dt=0.005), backend="scipy").snapshot()
-    for data in (b"", b"not a snapshot", other, slower, before[:-1], before + b"\0", before[::-1]):
+    slower = Simulation(limited().with_scene(dt=0.005), backend="scipy").snapshot()
+    for data in (b"", b"not a snapshot", other, slower, before[::-1], bytes(32) + before):
         with pytest.raises(SnapshotError, match="not a snapshot of this scene"):
             sim.restore(data)
-    broken = bytearray(before)
-    broken[-8:] = np.array(np.nan, dtype="<f8").tobytes()
-    with pytest.raises(SnapshotError, match="not finite"):
-        sim.restore(bytes(broken))
+    for data in (before[:-1], before[: len(before) // 2], before + b"\0"):
+        with pytest.raises(SnapshotError, match="damaged or cut short"):
+            sim.restore(data)
     assert sim.snapshot() == before
+
+
+def test_a_snapshot_holds_its_arrays_by_name() -> None:
+    sim = Simulation(limited(), backend="scipy")
+    sim.forces[3] = 0.1
+    sim.step()
+    data = sim.snapshot()
+    for name in ("steps", "state.positions", "state.base_positions", "drive.targets", "parameters.materials"):
+        assert f'"{name}"'.encode() in data
+    assert data.startswith(b"softsim snapshot, version 2")
+    sim.forces[:] = 0.0
+    sim.restore(data)
+    np.testing.assert_array_equal(sim.forces[3], [0.1, 0.1, 0.1])
+
+
+def test_what_is_assigned_to_forces_is_converted_once_or_refused(backend: Backend) -> None:
+    sims = [Simulation(machine(), backend=backend) for _ in range(2)]
+    forces = 0.01 * np.random.default_rng(4).normal(size=sims[0].forces.shape).astype(np.float32)
+    sims[0].forces[:] = forces
+    sims[1].forces = np.asfortranarray(forces)  # type: ignore[assignment]
+    assert sims[1].forces.dtype == np.float64
+    assert sims[1].forces.flags.c_contiguous
+    for sim in sims:
+        sim.step()
+    np.testing.assert_array_equal(sims[0].positions, sims[1].positions)
+    before = sims[0].forces.copy()
+    for wrong in (np.zeros(3), np.zeros((len(forces) + 1, 3)), np.zeros(forces.shape, complex), "much"):
+        with pytest.raises(ArrayError, match=rf"forces refused: expected .* shape \({len(forces)}, 3"):
+            sims[0].forces = wrong  # type: ignore[assignment]
+    np.testing.assert_array_equal(sims[0].forces, before)
+
+
+def test_a_control_for_another_model_is_refused(backend: Backend) -> None:
+    sim = Simulation(machine(), backend=backend)
+    joints, nodes = len(sim.joint_names), len(sim.positions)
+    for control, name in (
+        (Control(np.zeros(joints + 1), sim.forces), "targets"),
+        (Control(np.zeros(joints), np.zeros((nodes - 1, 3))), "forces"),
+    ):
+        with pytest.raises(ArrayError, match=f"{name} refused"):
+            sim._stepper.step(sim._state, control, sim.parameters)
+    with pytest.raises(ArrayError, match="forces refused"):
+        Control(np.zeros(joints), np.zeros(3))
 
 
 def test_both_backends_read_each_others_snapshots() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 from collections.abc import Callable, Iterator
 
@@ -10,10 +9,10 @@ import numpy as np
 import pytest
 
 from softsim_core.actuation.trajectory import JointTrajectory
-from softsim_core.dynamics.simulation import Simulation
-from softsim_core.dynamics.warmup import small_scene
 from softsim_core.errors import CommandError, SceneError, SoftSimError
-from softsim_core.scene.description import Controller
+from softsim_core.scene.robot import Controller, RobotDescription
+from softsim_core.simulation import Simulation
+from softsim_core.warmup import small_scene
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 DEADLINE_S = 10.0
@@ -52,7 +51,7 @@ def start(watcher: Watcher) -> Iterator[Callable[..., PhysicsThread]]:
     def starter(
         controller: Controller | None = None, speed: float = 0.0, paused: bool = False
     ) -> PhysicsThread:
-        scene = dataclasses.replace(small_scene(), controllers=(controller,) if controller else ())
+        scene = RobotDescription(scene=small_scene(), controllers=(controller,) if controller else ())
         simulation = Simulation(scene, backend="scipy")
         thread = PhysicsThread(
             simulation,
@@ -188,7 +187,7 @@ def test_a_broken_controller_pauses_and_says_so(
 def test_slow_steps_slow_the_simulation_down_and_are_counted(
     start: Callable[..., PhysicsThread], watcher: Watcher
 ) -> None:
-    thread = start(speed=1000.0)  # 10 us a step: no step is that fast
+    thread = start(speed=1000.0)  # 10 us per step: no step is that fast
     assert watcher.wait_for(lambda: thread.status.late_s > 0.2)
     assert [count for count, _ in watcher.shown] == list(range(len(watcher.shown)))
 

@@ -1,19 +1,17 @@
-"""State is one buffer with views; its bytes come back as they went."""
+"""State is one buffer with named views, and what is written to it stays in the buffer."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from softsim_core.errors import SnapshotError
-from softsim_core.mechanics.state import State, pack, unpack
-
-HEADER = b"header"
+from softsim_core.errors import ArrayError
+from softsim_core.mechanics.state import State
 
 
 def test_views_share_the_buffer() -> None:
     state = State(nodes=3, frames=2, joints=4)
-    assert len(state.buffer) == 9 + 9 + 6 + 18 + 16 + 4 + 4 + 1
+    assert len(state.buffer) == 9 + 9 + 6 + 18 + 16 + 4 + 4 + 12 + 1
     state.positions[2, 2] = 5.0
     state.base_shift[0] = 7.0
     assert sorted(state.buffer.tolist())[-2:] == [5.0, 7.0]
@@ -28,25 +26,28 @@ def test_a_state_without_anything() -> None:
     assert State(0, 0, 0).buffer.tolist() == [0.0]
 
 
-def test_what_is_packed_comes_back() -> None:
+def test_assigning_copies_into_the_buffer() -> None:
+    state = State(2, 0, 1)
+    state.positions = np.ones((2, 3), dtype=np.float32, order="F")  # type: ignore[assignment]
+    state.joint_positions += 2.0
+    assert state.buffer.sum() == 8.0
+    assert state.positions.dtype == np.float64
+    with pytest.raises(ValueError, match="broadcast"):
+        state.positions = np.ones((3, 3))
+    with pytest.raises(ArrayError, match="warm_start"):
+        state.warm_start = np.ones((2, 3))
+
+
+def test_named_arrays_come_back_whatever_a_scene_keeps_beside() -> None:
     rng = np.random.default_rng(0)
-    arrays = [rng.normal(size=(4, 3)), np.zeros((0, 2)), rng.normal(size=5)]
-    data = pack(HEADER, arrays)
-    for back, array in zip(unpack(data, HEADER, [array.shape for array in arrays]), arrays, strict=True):
-        np.testing.assert_array_equal(back, array)
-        back += 1.0  # writable
-    assert pack(HEADER, arrays) == data
-
-
-@pytest.mark.parametrize(
-    "data", [b"", b"header", b"x" * 46, pack(b"HEADER", [np.zeros(5)]), pack(HEADER, [np.zeros(6)]) + b"x"]
-)
-def test_foreign_bytes_are_refused(data: bytes) -> None:
-    with pytest.raises(SnapshotError, match="not a snapshot of this scene"):
-        unpack(data, HEADER, [(5,)])
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_not_finite_are_refused(value: float) -> None:
-    with pytest.raises(SnapshotError, match="not finite"):
-        unpack(pack(HEADER, [np.array([0.0, value])]), HEADER, [(2,)])
+    state = State(3, 1, 2, rigid=1, extra={"history": (4, 2), "none": (0,)})
+    state.buffer[:] = rng.normal(size=len(state.buffer))
+    state.warm_start = rng.normal(size=(5, 4))
+    named = state.arrays()
+    assert sum(array.size for array in named.values()) == len(state.buffer) + 20
+    assert named["extra.history"].shape == (4, 2)
+    other = State(3, 1, 2, rigid=1, extra={"history": (4, 2), "none": (0,)})
+    other.take(named)
+    np.testing.assert_array_equal(other.buffer, state.buffer)
+    np.testing.assert_array_equal(other.warm_start, state.warm_start)
+    np.testing.assert_array_equal(other.extra["history"], state.extra["history"])

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import CommandSettings, JointDescription, KeyBinding, SceneDescription
+from softsim_core.scene.control import CommandSettings, KeyBinding
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.teleop.commands import CallAction, PublishCommand, Quit, key_table, press, unknown_keys
 from softsim_ros.teleop.decoder import KEY_NAMES, KeyPress
 from softsim_ros.teleop.state import (
@@ -31,7 +33,7 @@ MEASURED = TeleopState(measured=AT, measured_at=0.0)
 
 
 def published(
-    state: TeleopState, name: str, now: float = 0.0, robot: SceneDescription = TRIPOD
+    state: TeleopState, name: str, now: float = 0.0, robot: RobotDescription = TRIPOD
 ) -> tuple[float, ...]:
     """The one command a key publishes."""
     _, effects = press(state, robot, KeyPress(name), now)
@@ -146,9 +148,11 @@ def test_the_simulators_switch_of_the_limits_wins() -> None:
 
 
 def test_slides_are_shown_in_metres() -> None:
-    robot = SceneDescription(
-        name="slide",
-        joints=(JointDescription(name="rail", kind="prismatic", limits=JointLimits(upper=0.01)),),
+    robot = RobotDescription(
+        scene=SceneDescription(
+            name="slide",
+            joints=(JointDescription(name="rail", kind="prismatic", limits=JointLimits(upper=0.01)),),
+        ),
         keys={"up": KeyBinding(joints=("rail",), by=0.002, help="out")},
     )
     state, _ = press(TeleopState(measured=(0.001,), measured_at=0.0), robot, KeyPress("up"), 0.0)
@@ -169,8 +173,9 @@ def test_a_held_key_steps_ten_times_a_second() -> None:
 
 def test_a_slow_joint_is_stepped_slower() -> None:
     slow = JointDescription(name="slow", limits=JointLimits(speed=0.1))
-    robot = SceneDescription(
-        name="one", joints=(slow,), keys={"up": KeyBinding(joints=("slow",), by=0.1, help="up")}
+    robot = RobotDescription(
+        scene=SceneDescription(name="one", joints=(slow,)),
+        keys={"up": KeyBinding(joints=("slow",), by=0.1, help="up")},
     )
     state, effects = press(TeleopState(measured=(0.0,), measured_at=0.0), robot, KeyPress("up"), 0.0)
     assert effects

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
-from softsim_core.actuation.limits import JointLimits
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.teleop.display import View, bar, frame, render
 from softsim_ros.teleop.state import TeleopState
 
@@ -150,7 +151,7 @@ def test_joints_without_limits() -> None:
     slide = JointDescription(name="slide", kind="prismatic")
     assert bar(turning, 0.0, math.pi, 11) == "[----o---|]"
     assert bar(slide, 0.0, 1.0, 11) == "[---------]"
-    robot = SceneDescription(name="two", joints=(turning, slide))
+    robot = RobotDescription(scene=SceneDescription(name="two", joints=(turning, slide)))
     lines = render(View(robot, TeleopState(measured=(1.0, 0.0123), measured_at=0.0), 0.0, "/two"), 100, 24)
     assert any("57.3" in line and "inf" in line for line in lines)
     assert any("12.3" in line for line in lines)

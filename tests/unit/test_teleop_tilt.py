@@ -19,7 +19,7 @@ LOOP = TeleopState(inverse=True, effector=HERE, effector_at=0.0, tilt=TiltRefere
 
 
 def pressed(*names: str) -> tuple[TeleopState, list[TiltReference]]:
-    """The state after some keys, one a second, and the references they publish."""
+    """The state after some keys, one per second, and the references they publish."""
     state, sent = LOOP, []
     for now, name in enumerate(names):
         state, effects = press(state, TRIPOD, KeyPress(name), float(now))

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.actuation.limits import JointLimits
 from softsim_core.errors import SceneError
 from softsim_core.inverse.workspace import Workspace, sample_workspace
+from softsim_core.mechanics.limits import JointLimits
 from softsim_ros.cli import main
 
 
@@ -25,7 +25,7 @@ def tripod() -> Workspace:
     joints = tuple(dataclasses.replace(joint, limits=limits) for joint in scene.joints)
     told: list[tuple[int, int]] = []
     workspace = sample_workspace(
-        dataclasses.replace(scene, joints=joints), 12, progress=lambda *each: told.append(each)
+        scene.with_scene(joints=joints), 12, progress=lambda *each: told.append(each)
     )
     assert told == [(done, 12) for done in range(1, 13)]
     return workspace
@@ -81,10 +81,10 @@ def test_what_has_no_workspace_says_why() -> None:
     with pytest.raises(SceneError, match="4 samples or more, not 3"):
         sample_workspace(scene, 3)
     with pytest.raises(SceneError, match="needs joints and an effector"):
-        sample_workspace(dataclasses.replace(scene, effector=None))
+        sample_workspace(scene.with_scene(effector=None))
     free = dataclasses.replace(scene.joints[0], limits=JointLimits())
     with pytest.raises(SceneError, match="joints without limits: servo_0; give them"):
-        sample_workspace(dataclasses.replace(scene, joints=(free, *scene.joints[1:])))
+        sample_workspace(scene.with_scene(joints=(free, *scene.joints[1:])))
 
 
 @pytest.mark.slow

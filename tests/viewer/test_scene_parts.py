@@ -41,12 +41,16 @@ def test_every_field_can_be_laid_over_as_it_is_written(name: str) -> None:
             values = {key: field_value(key, field_text(value)) for key, value in part.editable.items()}
             changes = laid_over(changes, override_at(part.steps, values))
     again = load_scene(name, read_overrides(write_overrides(changes)))
-    assert (again.bodies, again.joints, again.rigid_bodies) == (
-        scene.bodies,
+    assert (again.scene.bodies, again.joints, again.scene.rigid_bodies) == (
+        scene.scene.bodies,
         scene.joints,
-        scene.rigid_bodies,
+        scene.scene.rigid_bodies,
     )
-    assert (again.contact, again.view, again.inverse) == (scene.contact, scene.view, scene.inverse)
+    assert (again.scene.contact, again.view, again.inverse) == (
+        scene.scene.contact,
+        scene.view,
+        scene.inverse,
+    )
 
 
 def test_a_saved_view_is_a_scene_that_shows_it(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import load_scene
-from softsim_core.scene.description import KeyBinding
+from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer import readings

@@ -2,8 +2,8 @@
 
 import math
 
-from softsim_core.scene import Scene
-from softsim_core.scene.parts import servo
+from softsim_core import Scene
+from softsim_core.robots.parts import servo
 
 
 def create_scene(scene: Scene) -> None:

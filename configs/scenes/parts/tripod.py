@@ -2,10 +2,8 @@
 
 import math
 
-from softsim_core.actuation.limits import JointLimits
-from softsim_core.scene import Scene
-from softsim_core.scene.description import SolverSettings
-from softsim_core.scene.parts import move_all, tripod
+from softsim_core import JointLimits, Scene, SolverSettings
+from softsim_core.robots.parts import move_all, tripod
 
 
 def create_scene(scene: Scene) -> None:

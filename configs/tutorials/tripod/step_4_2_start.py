@@ -2,9 +2,8 @@
 
 import math
 
-from softsim_core.actuation.limits import JointLimits
-from softsim_core.scene import Scene
-from softsim_core.scene.parts import fixing_box, move_all, tripod
+from softsim_core import JointLimits, Scene
+from softsim_core.robots.parts import fixing_box, move_all, tripod
 
 
 def create_scene(scene: Scene) -> None:

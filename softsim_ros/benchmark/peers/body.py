@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.mechanics.model import HELD
+from softsim_core.mechanics.model import FIXED
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.values import Box
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.values import Box
 
 
 class PeerMissingError(ImportError):
@@ -79,20 +79,20 @@ class Engine(Protocol):
         ...
 
 
-def held_body(description: SceneDescription) -> HeldBody:
+def held_body(description: RobotDescription) -> HeldBody:
     """The one body of a held scene, as other engines need it."""
-    model = build(description).model
-    body, box = description.bodies[0], description.attachments[0].box
+    model = build(description.scene).model
+    body, box = description.scene.bodies[0], description.scene.attachments[0].box
     assert box is not None  # the scene held_centre holds a box
     return HeldBody(
         points=model.rest,
-        tets=model.elements.nodes,
-        held=np.flatnonzero(model.zone_of_node == HELD),
+        tets=model.groups[0].cells,
+        held=np.flatnonzero(model.region_of_node == FIXED),
         box=box,
-        volume=float(model.elements.volumes.sum()),
+        volume=float(model.groups[0].volumes.sum()),
         young_modulus=body.material.young_modulus,
         poisson_ratio=body.material.poisson_ratio,
-        total_mass=body.total_mass,
+        total_mass=float(model.mass.sum()),
         gravity=model.gravity,
         dt=model.dt,
     )

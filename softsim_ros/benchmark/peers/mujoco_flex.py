@@ -53,7 +53,7 @@ class MujocoFlex:
 
     @property
     def warnings(self) -> int:
-        """Number of warnings since the start: one a step whose solve did not converge."""
+        """Number of warnings since the start: one per step whose solve did not converge."""
         return int(self._data.warning.number.sum())
 
     def restart(self) -> None:

@@ -58,7 +58,7 @@ def numba() -> list[Finding]:
     text = f"{_version('numba')}, {compiled} compiled kernels cached in {roots[0]}"
     if compiled:
         return [Finding(Level.OK, "numba", text)]
-    advice = "compile them now: python -m softsim_core.dynamics.warmup (else the first step takes a minute)"
+    advice = "compile them now: python -m softsim_core.warmup (else the first step takes a minute)"
     return [Finding(Level.WARNING, "numba", text, advice)]
 
 

@@ -1,0 +1,130 @@
+"""The text protocol of boards with an IMU, 57600 baud: servo bytes out, two tilts in.
+
+to the board:    n0 n1 n2 LF         whole degrees of the servos, 60..180, in text
+from the board:  a,b, CR LF          tilts in degrees, a line for each packet; see `tilt_lines`
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from servo_bridge.errors import PacketError
+from servo_bridge.protocols.protocol import (
+    Ability,
+    BoardModel,
+    BoardProtocol,
+    Decoded,
+    EncodedPacket,
+)
+from servo_bridge.protocols.tilt_lines import LONGEST_LINE, LineParser, text_of
+from servo_bridge.servo import angles_to_bytes, bytes_to_angles
+from softsim_core.scene.board import BoardDescription
+
+ASCII_BAUD_RATE = 57600
+"""Bits a second of boards that speak this protocol."""
+
+BYTE_LOW, BYTE_HIGH = 60, 180
+"""Range of servo bytes that such boards accept."""
+
+
+class AsciiImuProtocol(BoardProtocol):
+    """Lines of servo bytes to a board that answers each with the tilts of its IMU."""
+
+    name = "ascii_imu"
+    abilities = Ability.IMU
+    baud_rate = ASCII_BAUD_RATE
+
+    def __init__(self, board: BoardDescription) -> None:
+        super().__init__(board)
+        self._lines = LineParser()
+
+    @classmethod
+    def refusal(cls, board: BoardDescription) -> str:
+        """Servos that may be sent beyond 60..180 do not fit."""
+        for servo in board.servos:
+            if servo.byte_min < BYTE_LOW or servo.byte_max > BYTE_HIGH:
+                return (
+                    f"servo {servo.joint}: the text protocol allows bytes {BYTE_LOW}..{BYTE_HIGH}, not"
+                    f" {servo.byte_min}..{servo.byte_max}; change the range, or the parameter protocol"
+                )
+        return ""
+
+    @classmethod
+    def board_model(cls, servo_count: int) -> BoardModel:
+        """A level board that keeps the newest line."""
+        return AsciiImuBoard(servo_count)
+
+    def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
+        """One line; it holds digits, blanks and a line feed, and so never a byte 100."""
+        servo_bytes = angles_to_bytes(angles_rad, self.servos)
+        return EncodedPacket(encode_line(servo_bytes), servo_bytes, bytes_to_angles(servo_bytes, self.servos))
+
+    def decode(self, data: bytes) -> Decoded:
+        """Tilts of whole lines."""
+        return Decoded(tilts=tuple(self._lines.feed(text_of(data))))
+
+    def values(self) -> Mapping[str, object]:
+        """Count of lines that were no tilts."""
+        return {"lines ignored": self._lines.ignored}
+
+
+def encode_line(servo_bytes: Sequence[int]) -> bytes:
+    """The line for servo bytes: `n0 n1 n2` and a line feed.
+
+    Raises:
+        PacketError: a byte lies outside 60..180.
+    """
+    for value in servo_bytes:
+        if not BYTE_LOW <= value <= BYTE_HIGH:
+            raise PacketError(f"servo byte {value} refused: allowed are {BYTE_LOW}..{BYTE_HIGH}")
+    return (" ".join(str(int(value)) for value in servo_bytes) + "\n").encode("ascii")
+
+
+class AsciiImuBoard(BoardModel):
+    """A board that takes lines of servo bytes and answers each with tilts of 0.
+
+    Args:
+        servo_count: Numbers of a line.
+    """
+
+    def __init__(self, servo_count: int) -> None:
+        self._servo_count = servo_count
+        self._line = b""
+        self._accepted = self._dropped = self._answers = 0
+
+    @property
+    def accepted(self) -> int:
+        """Lines accepted so far."""
+        return self._accepted
+
+    @property
+    def dropped(self) -> int:
+        """Lines dropped so far."""
+        return self._dropped
+
+    def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
+        """Servo bytes of the lines that these bytes complete, oldest first."""
+        *lines, rest = (self._line + data).split(b"\n")
+        self._line = rest[:LONGEST_LINE]
+        poses = [pose for pose in map(self._take, lines) if pose is not None]
+        self._accepted += len(poses)
+        self._dropped += len(lines) - len(poses)
+        self._answers += len(poses)
+        return poses
+
+    def say(self, now: float) -> bytes:
+        """One line of tilts for each line taken since the last call."""
+        answers, self._answers = self._answers, 0
+        return b"0.0000,0.0000,\r\n" * answers
+
+    def reset(self, cause: int) -> None:
+        """Forget a line begun; the counters stay."""
+        self._line, self._answers = b"", 0
+
+    def _take(self, line: bytes) -> tuple[int, ...] | None:
+        if not re.fullmatch(rb"\d{1,3}(?: \d{1,3})*", line):
+            return None
+        pose = tuple(map(int, line.split()))
+        whole = len(pose) == self._servo_count and all(BYTE_LOW <= each <= BYTE_HIGH for each in pose)
+        return pose if whole else None

@@ -1,0 +1,188 @@
+"""The extended protocol: pulse widths in frames with CRC (`frames`), to boards that talk back.
+
+Firmware of this protocol takes legacy packets, too, holds and goes to rest by itself when the line falls
+silent, and keeps the servos' ranges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from servo_bridge.protocols import frames
+from servo_bridge.protocols.extended_board import ExtendedBoard
+from servo_bridge.protocols.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
+from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols.protocol import (
+    Ability,
+    BoardModel,
+    BoardProtocol,
+    Decoded,
+    EncodedPacket,
+)
+from servo_bridge.protocols.tilt_lines import LineParser, text_of
+from servo_bridge.servo import angle_to_width, width_limits, width_to_angle, width_to_byte
+from softsim_core.scene.board import BoardDescription
+
+RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
+
+
+def reset_cause_text(cause: int) -> str:
+    """The bits of a banner's reset cause in words."""
+    return ", ".join(text for bit, text in RESET_CAUSES.items() if cause & bit) or f"unknown ({cause})"
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """What came from the board since the port was opened.
+
+    Attributes:
+        telemetry: Telemetry frames.
+        banners: Banners: starts of the board.
+        most_unacknowledged: Largest number of frames that a telemetry had not acknowledged yet.
+    """
+
+    telemetry: int = 0
+    banners: int = 0
+    most_unacknowledged: int = 0
+
+
+class ExtendedProtocol(BoardProtocol):
+    """Frames to and from our firmware; lines of tilts between them are read.
+
+    Attributes:
+        banner: Newest banner; None before the first.
+        telemetry: Newest telemetry since the board's start; None before the first.
+        seq: Sequence number of the newest frame encoded; None before the first.
+        unacknowledged: Frames that the newest telemetry had not acknowledged.
+        counts: What came from the board.
+    """
+
+    name = "extended"
+    abilities = (
+        Ability.DETECT | Ability.TELEMETRY | Ability.HOLD | Ability.RELAX | Ability.LIMITS | Ability.REST
+    )
+    advice = "flash its firmware (softsim flash), or set the parameter protocol to auto"
+
+    def __init__(self, board: BoardDescription) -> None:
+        super().__init__(board)
+        self.banner: Banner | None = None
+        self.telemetry: Telemetry | None = None
+        self.seq: int | None = None
+        self.unacknowledged = 0
+        self.counts = FrameCounts()
+        self._frames, self._lines = FrameParser(), LineParser()
+
+    @classmethod
+    def refusal(cls, board: BoardDescription) -> str:
+        """A frame speaks of three servos."""
+        if len(board.servos) == frames.SERVOS:
+            return ""
+        return (
+            f"the board has {len(board.servos)} servos, the extended protocol {frames.SERVOS};"
+            " set the parameter protocol to auto"
+        )
+
+    @classmethod
+    def board_model(cls, servo_count: int) -> BoardModel | None:
+        """The firmware's model, of three servos."""
+        return ExtendedBoard(PacketParser(servo_count)) if servo_count == frames.SERVOS else None
+
+    def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
+        """A SET frame of pulse widths."""
+        widths = [angle_to_width(angle, servo) for angle, servo in zip(angles_rad, self.servos, strict=True)]
+        return EncodedPacket(
+            frames.set_widths(self._next_seq(), widths),
+            tuple(round(width_to_byte(width)) for width in widths),
+            tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True)),
+        )
+
+    def decode(self, data: bytes) -> Decoded:
+        """Banners and telemetry, and lines of tilts; frames that echo what was sent are passed over."""
+        recognised = restarted = False
+        for frame in self._frames.feed(data):
+            if frame.kind is FrameType.BANNER:
+                self._take_banner(frame)
+                recognised = restarted = True
+            elif frame.kind is FrameType.TELEMETRY:
+                self._take_telemetry(frame)
+                recognised = True
+        return Decoded(recognised, restarted, tuple(self._lines.feed(text_of(data))))
+
+    @property
+    def ready(self) -> bool:
+        """Whether telemetry came since the board's start."""
+        return self.telemetry is not None
+
+    def fault(self) -> str:
+        """Another version of the protocol cannot be driven."""
+        if self.banner is None or self.banner.protocol == frames.PROTOCOL_VERSION:
+            return ""
+        return (
+            f"speaks version {self.banner.protocol} of the extended protocol, this bridge version"
+            f" {frames.PROTOCOL_VERSION}; flash its firmware anew (softsim flash), or set the parameter"
+            " protocol to legacy"
+        )
+
+    def pose(self) -> tuple[float, ...] | None:
+        """Angles of the widths that telemetry tells, while there are pulses."""
+        if self.telemetry is None or BoardFlags.ACTIVE not in self.telemetry.flags:
+            return None
+        widths = self.telemetry.widths_us
+        return tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True))
+
+    def limits(self) -> bytes:
+        """SET_LIMITS with the widths of every servo's range."""
+        return frames.set_limits(self._next_seq(), [width_limits(servo) for servo in self.servos])
+
+    def hold(self) -> bytes:
+        """HOLD."""
+        return frames.hold(self._next_seq())
+
+    def relax(self) -> bytes:
+        """RELAX."""
+        return frames.relax(self._next_seq())
+
+    @property
+    def frames_dropped(self) -> int:
+        """Frames of the board that came damaged."""
+        return self._frames.dropped
+
+    def values(self) -> Mapping[str, object]:
+        """Firmware, reset cause, and the newest telemetry."""
+        values: dict[str, object] = {}
+        if self.banner is not None:
+            values |= {
+                "firmware": f"{self.banner.major}.{self.banner.minor}",
+                "reset cause": reset_cause_text(self.banner.reset_cause),
+            }
+        telemetry = self.telemetry
+        if telemetry is not None:
+            flags = (str(flag.name).lower() for flag in BoardFlags if flag in telemetry.flags)
+            values |= {
+                "board flags": " ".join(flags) or "none",
+                "pulse widths [us]": " ".join(map(str, telemetry.widths_us)),
+                "acknowledged": telemetry.seq,
+                "frames unacknowledged": self.unacknowledged,
+                "most unacknowledged": self.counts.most_unacknowledged,
+                "board rejects": telemetry.rejects,
+                "board overruns": telemetry.overruns,
+                "telemetry damaged": self.frames_dropped,
+            }
+        return {**values, **self._lines.values()}
+
+    def _take_banner(self, frame: Frame) -> None:
+        self.banner = frames.read_banner(frame)
+        self.telemetry = None  # of before the reset
+        self.counts.banners += 1
+
+    def _take_telemetry(self, frame: Frame) -> None:
+        self.telemetry = frames.read_telemetry(frame)
+        self.counts.telemetry += 1
+        if self.seq is not None:
+            self.unacknowledged = (self.seq - self.telemetry.seq) % frames.SEQUENCES
+            self.counts.most_unacknowledged = max(self.counts.most_unacknowledged, self.unacknowledged)
+
+    def _next_seq(self) -> int:
+        self.seq = 1 if self.seq is None else (self.seq + 1) % frames.SEQUENCES
+        return self.seq

@@ -1,0 +1,278 @@
+"""The board's side of the extended protocol, without hardware: frames in, banner and telemetry out. Pure.
+
+It answers and moves as firmware/tripod.c does, in its unit: ticks of half a microsecond, frames of 20 ms. The
+same bytes into both give the same counters and widths; a property test holds them to each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from servo_bridge.protocols import frames
+from servo_bridge.protocols.frames import SERVOS, Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
+from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols.protocol import BoardModel
+from servo_bridge.servo import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
+
+FRAME_S = 0.020
+"""Period of the servo pulses in [s]; once in it the widths move."""
+
+TICKS_PER_US = 2
+PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
+SLEW_MAX_US = 124
+
+_SLEW, _CREEP = 122, 20  # ticks a frame
+_HOLD_FRAMES, _REST_FRAMES = 25, 100
+_REST_BYTE = 150
+_LARGEST_LAG_S = 0.5
+
+
+def byte_ticks(servo_byte: int) -> int:
+    """Pulse width in ticks of a servo byte, rounded as in the firmware."""
+    return PULSE_MIN_US * TICKS_PER_US + (servo_byte * PULSE_US_PER_180 * TICKS_PER_US + 90) // 180
+
+
+TELEMETRY_PERIOD_S = 0.05
+RESET_EXTERNAL = 2
+_COUNTER = 0xFFF
+
+
+class BoardMotion:
+    """Widths of a board's servos, frame by frame; times are seconds of any steady clock.
+
+    Attributes:
+        started: A pose was commanded since the reset: before it there are no pulses.
+        relaxed: The pulses were switched off.
+        hold_asked: A frame asked to hold.
+        slew: Largest change of a width in a frame, in ticks.
+        ranges: Least and largest width of each servo in ticks.
+    """
+
+    def __init__(self) -> None:
+        self.started = self.relaxed = self.hold_asked = False
+        self.slew = _SLEW
+        self.ranges = [(PULSE_MIN_US * TICKS_PER_US, PULSE_MAX_US * TICKS_PER_US)] * SERVOS
+        self._current = [byte_ticks(_REST_BYTE)] * SERVOS
+        self._target = list(self._current)
+        self._silence = _REST_FRAMES  # frames since the newest valid command, saturating
+        self._next_frame: float | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether there are pulses."""
+        return self.started and not self.relaxed
+
+    @property
+    def linked(self) -> bool:
+        """Whether a valid command came within 0.5 s."""
+        return self._silence < _HOLD_FRAMES
+
+    @property
+    def homing(self) -> bool:
+        """Whether the servos creep to the rest pose, or stand there, for want of commands."""
+        return self.active and self._silence >= _REST_FRAMES
+
+    @property
+    def holding(self) -> bool:
+        """Whether the servos hold where they are: asked to, or for want of commands."""
+        silent = _HOLD_FRAMES <= self._silence < _REST_FRAMES
+        return self.started and not self.homing and (self.hold_asked or silent)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the servos stand where they are to go."""
+        return self._current == self._within(self._target)
+
+    @property
+    def widths_us(self) -> tuple[float, ...] | None:
+        """Widths of the pulses in [us], one per servo; None without pulses."""
+        return tuple(ticks / TICKS_PER_US for ticks in self._current) if self.active else None
+
+    def command(self, ticks: Sequence[int]) -> None:
+        """Go to a pose; the first one since the reset is taken at once."""
+        self._target = self._within(ticks)
+        if not self.started:
+            self._current = list(self._target)
+        self.started, self.relaxed, self.hold_asked = True, False, False
+        self.heard()
+
+    def stop(self) -> None:
+        """Stay where the servos are."""
+        self._target = list(self._current)
+
+    def heard(self) -> None:
+        """A valid command came."""
+        self._silence = 0
+
+    def advance(self, now: float) -> None:
+        """Let the frames up to `now` pass; where nobody looked for long, time stretches instead of racing."""
+        if self._next_frame is None or now - self._next_frame > _LARGEST_LAG_S:
+            self._next_frame = now + FRAME_S
+        while self._next_frame <= now:
+            self._next_frame += FRAME_S
+            self._move()
+
+    def _move(self) -> None:
+        self._silence = min(self._silence + 1, _REST_FRAMES)
+        if self._silence == _HOLD_FRAMES:
+            self.stop()
+        step = self.slew
+        if self._silence >= _REST_FRAMES and not self.relaxed:
+            self.hold_asked = False
+            self._target = [byte_ticks(_REST_BYTE)] * SERVOS
+            step = min(step, _CREEP)
+        self._current = [
+            now + max(-step, min(step, wanted - now))
+            for wanted, now in zip(self._within(self._target), self._current, strict=True)
+        ]
+
+    def _within(self, ticks: Sequence[int]) -> list[int]:
+        return [min(max(each, low), high) for each, (low, high) in zip(ticks, self.ranges, strict=True)]
+
+
+class ExtendedBoard(BoardModel):
+    """A board that takes legacy packets and frames; times are seconds of any steady clock.
+
+    Args:
+        legacy: Parser of legacy packets.
+
+    Attributes:
+        refused: Well-formed packets and frames refused for what they ask.
+        seq: Sequence number of the newest accepted frame.
+        silent: Say nothing any more, as a board that hangs.
+        motion: The servos.
+    """
+
+    say_period_s = TELEMETRY_PERIOD_S
+
+    def __init__(self, legacy: PacketParser) -> None:
+        self.silent = False
+        self.refused = self._accepted = 0
+        self._legacy, self._frames = legacy, FrameParser()
+        self.reset()
+
+    def reset(self, cause: int = RESET_EXTERNAL) -> None:
+        """Start anew, as after the opening of the port; the banner is said next."""
+        self._frames.reset()
+        self._legacy.reset()
+        self.motion = BoardMotion()
+        self.seq = self._own_seq = 0
+        self._limits_set = self._framed = False
+        self._banner_due, self._reset_cause = True, cause
+
+    @property
+    def limits_us(self) -> tuple[tuple[float, float], ...]:
+        """Ranges told by SET_LIMITS in [us]; empty before."""
+        if not self._limits_set:
+            return ()
+        return tuple((low / TICKS_PER_US, high / TICKS_PER_US) for low, high in self.motion.ranges)
+
+    @property
+    def accepted(self) -> int:
+        """Poses taken since it was made, of packets and frames."""
+        return self._accepted
+
+    @property
+    def dropped(self) -> int:
+        """Packets and frames dropped or refused so far."""
+        return self._legacy.dropped + self._frames.dropped + self.refused
+
+    def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
+        """Take bytes; the poses accepted among them as degrees of the servos, rounded, oldest first."""
+        self.motion.advance(now)
+        poses = []
+        for value in data:  # in the order of arrival, whatever the protocol
+            byte = bytes([value])
+            for servo_bytes in self._legacy.feed(byte, now):
+                if self._take_packet(servo_bytes):
+                    poses.append(servo_bytes)
+            for frame in self._frames.feed(byte):
+                if not self._take_frame(frame):
+                    self.refused += 1
+                elif frame.kind is FrameType.SET:
+                    widths = frames.join12(frame.payload)
+                    poses.append(tuple(round(width_to_byte(width)) for width in widths))
+        self._accepted += len(poses)
+        return poses
+
+    def say(self, now: float) -> bytes:
+        """The banner where it is due, then telemetry; nothing while it is silent."""
+        self.motion.advance(now)
+        data = b""
+        if self._banner_due:
+            self._banner_due = False
+            content = Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, self._reset_cause)
+            data += frames.banner(self._next(), content)
+        widths = self.motion.widths_us or (0.0,) * frames.SERVOS
+        told = Telemetry(
+            self.seq, self._flags(), tuple(int(width + 0.5) for width in widths), self.dropped & _COUNTER, 0
+        )
+        data += frames.telemetry(self._next(), told)
+        return b"" if self.silent else data
+
+    def advance(self, now: float) -> None:
+        """Let the servos move."""
+        self.motion.advance(now)
+
+    @property
+    def widths_us(self) -> tuple[float, ...] | None:
+        """Widths that the servos have reached in [us]; None without pulses."""
+        return self.motion.widths_us
+
+    def _flags(self) -> BoardFlags:
+        motion = self.motion
+        states = {
+            BoardFlags.LINK: motion.linked,
+            BoardFlags.HOLD: motion.holding,
+            BoardFlags.HOMING: motion.homing,
+            BoardFlags.ACTIVE: motion.active,
+            BoardFlags.RELAXED: motion.relaxed,
+            BoardFlags.LIMITS_SET: self._limits_set,
+            BoardFlags.WATCHDOG: bool(self._reset_cause & 8),
+        }
+        return BoardFlags(sum(flag for flag, is_set in states.items() if is_set))
+
+    def _take_packet(self, servo_bytes: tuple[int, ...]) -> bool:
+        """Take a legacy packet; soon after a frame it is refused: a flipped bit makes one of a frame."""
+        if self._framed and self.motion.linked:
+            self.refused += 1
+            return False
+        self._framed = False
+        self.motion.command([byte_ticks(value) for value in servo_bytes])
+        return True
+
+    def _take_frame(self, frame: Frame) -> bool:
+        """Carry a frame out; False, and nothing done, where a value of it is not allowed."""
+        if frame.kind >= FrameType.BANNER:
+            return False
+        numbers = frames.join12(frame.payload)
+        ticks = [number * TICKS_PER_US for number in numbers]
+        motion = self.motion
+        if frame.kind is FrameType.SET:
+            if not all(map(_is_width, numbers)):
+                return False
+            motion.command(ticks)
+        elif frame.kind is FrameType.SET_LIMITS:
+            pairs = list(zip(ticks[::2], ticks[1::2], strict=True))
+            if not all(map(_is_width, numbers)) or any(low > high for low, high in pairs):
+                return False
+            motion.ranges, self._limits_set = pairs, True
+        elif frame.kind is FrameType.SLEW:
+            if not 1 <= numbers[0] <= SLEW_MAX_US:
+                return False
+            motion.slew = ticks[0]
+        elif frame.kind in (FrameType.RELAX, FrameType.HOLD):
+            motion.relaxed |= frame.kind is FrameType.RELAX
+            motion.hold_asked |= frame.kind is FrameType.HOLD
+            motion.stop()
+        motion.heard()
+        self.seq, self._framed = frame.seq, True
+        return True
+
+    def _next(self) -> int:
+        self._own_seq = (self._own_seq + 1) % frames.SEQUENCES
+        return self._own_seq
+
+
+def _is_width(us: int) -> bool:
+    return PULSE_MIN_US <= us <= PULSE_MAX_US

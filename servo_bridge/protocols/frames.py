@@ -1,0 +1,309 @@
+"""The board's extended frames: pulse widths out, telemetry in, with sequence number and CRC. Pure, no I/O.
+
+    0xFE, type, seq, payload, CRC-8 (high two bits), CRC-8 (low six bits)
+
+Every byte after the first carries six bits, as 0x80 | value: a frame never contains the legacy header 255, a
+legacy servo byte, or a command of the Uno's boot loader. Numbers of 12 bits take two sextets, high one first.
+The type fixes the length. The CRC-8 (polynomial 0x07, initial value 0) runs over the sextet values of type,
+seq and payload.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+from servo_bridge.errors import PacketError
+
+FRAME_HEADER = 0xFE
+"""First byte of a frame; no other byte of a frame has this value."""
+
+PROTOCOL_VERSION = 1
+"""Version that the banner of a board of this protocol carries."""
+
+FIRMWARE_VERSION = (1, 0)
+"""Major and minor version of firmware/tripod.c, which the banner carries, too."""
+
+SERVOS = 3
+"""Servos a frame speaks of."""
+
+SEQUENCES = 64
+"""Sequence numbers run from 0 to 63 and start again."""
+
+_LARGEST_12_BIT = 4095
+
+
+class FrameType(IntEnum):
+    """Types of frames; below 16 from the computer to the board, from 16 on from the board."""
+
+    SET = 1
+    RELAX = 2
+    HOLD = 3
+    PING = 4
+    SET_LIMITS = 5
+    SLEW = 6
+    BANNER = 16
+    TELEMETRY = 17
+
+
+PAYLOAD_SEXTETS: dict[FrameType, int] = {
+    FrameType.SET: 2 * SERVOS,
+    FrameType.RELAX: 0,
+    FrameType.HOLD: 0,
+    FrameType.PING: 0,
+    FrameType.SET_LIMITS: 4 * SERVOS,
+    FrameType.SLEW: 2,
+    FrameType.BANNER: 4,
+    FrameType.TELEMETRY: 7 + 2 * SERVOS,
+}
+"""Length of each type's payload in sextets."""
+
+_PAYLOAD_OF_NUMBER = {int(kind): length for kind, length in PAYLOAD_SEXTETS.items()}
+
+
+class BoardFlags(IntFlag):
+    """What the board says of itself in its telemetry.
+
+    LINK: a valid command came within 0.5 s. HOLD: the servos hold. HOMING: they creep to the rest pose.
+    ACTIVE: pulses are on. RELAXED: they were switched off by RELAX. LIMITS_SET: SET_LIMITS was taken.
+    WATCHDOG: a watchdog reset was seen.
+    """
+
+    LINK = 1
+    HOLD = 2
+    HOMING = 4
+    ACTIVE = 8
+    RELAXED = 16
+    LIMITS_SET = 32
+    WATCHDOG = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One whole frame: type, sequence number and the payload's sextet values (0..63 each)."""
+
+    kind: FrameType
+    seq: int
+    payload: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Banner:
+    """What the board says after a reset: protocol version, firmware version, and why it was reset.
+
+    Attributes:
+        protocol: Version of this protocol.
+        major, minor: Version of the firmware.
+        reset_cause: The cause bits of the processor (1 power-on, 2 external, 4 brown-out, 8 watchdog).
+    """
+
+    protocol: int
+    major: int
+    minor: int
+    reset_cause: int
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """State of the board, 10 to 50 times per second.
+
+    Attributes:
+        seq: Sequence number of the newest accepted frame: the acknowledgement.
+        flags: See `BoardFlags`.
+        widths_us: Pulse widths after the board's slew limit in [us], one per servo.
+        rejects: Frames and packets refused since the reset, 12 bits.
+        overruns: Received bytes lost since the reset, 12 bits.
+    """
+
+    seq: int
+    flags: BoardFlags
+    widths_us: tuple[int, ...]
+    rejects: int
+    overruns: int
+
+
+def crc8(values: Iterable[int]) -> int:
+    """CRC-8 of byte values: polynomial 0x07, initial value 0, no reflection, no final inversion."""
+    crc = 0
+    for value in values:
+        crc ^= value
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x07 if crc & 0x80 else crc << 1) & 0xFF
+    return crc
+
+
+def split12(values: Sequence[int]) -> tuple[int, ...]:
+    """Two sextets, high one first, for each 12-bit number.
+
+    Raises:
+        PacketError: a number is not within 0..4095.
+    """
+    for value in values:
+        if not 0 <= value <= _LARGEST_12_BIT:
+            raise PacketError(f"{value} does not fit into 12 bits; allowed are 0..{_LARGEST_12_BIT}")
+    return tuple(sextet for value in values for sextet in (value >> 6, value & 0x3F))
+
+
+def join12(sextets: Sequence[int]) -> tuple[int, ...]:
+    """The 12-bit numbers of pairs of sextets; the inverse of `split12`."""
+    return tuple((high << 6) | low for high, low in zip(sextets[::2], sextets[1::2], strict=True))
+
+
+def encode(frame: Frame) -> bytes:
+    """Bytes of a frame.
+
+    Raises:
+        PacketError: the payload has the wrong length for its type, or a number does not fit.
+    """
+    wanted = PAYLOAD_SEXTETS[frame.kind]
+    if len(frame.payload) != wanted:
+        raise PacketError(f"{frame.kind.name} takes {wanted} sextets, not {len(frame.payload)}")
+    body = (int(frame.kind), frame.seq, *frame.payload)
+    for value in body:
+        if not 0 <= value < 64:
+            raise PacketError(f"{frame.kind.name}: {value} does not fit into a sextet; allowed are 0..63")
+    crc = crc8(body)
+    return bytes([FRAME_HEADER, *(0x80 | value for value in (*body, crc >> 6, crc & 0x3F))])
+
+
+def set_widths(seq: int, widths_us: Sequence[int]) -> bytes:
+    """SET: pulse widths in [us], one per servo.
+
+    Raises:
+        PacketError: wrong number of widths, or one that does not fit into 12 bits.
+    """
+    return encode(Frame(FrameType.SET, seq, split12(widths_us)))
+
+
+def relax(seq: int) -> bytes:
+    """RELAX: pulses off."""
+    return encode(Frame(FrameType.RELAX, seq))
+
+
+def hold(seq: int) -> bytes:
+    """HOLD: stay at the present widths."""
+    return encode(Frame(FrameType.HOLD, seq))
+
+
+def ping(seq: int) -> bytes:
+    """PING: only an acknowledgement is wanted."""
+    return encode(Frame(FrameType.PING, seq))
+
+
+def set_limits(seq: int, limits_us: Sequence[tuple[int, int]]) -> bytes:
+    """SET_LIMITS: smallest and largest pulse width in [us], one pair a servo.
+
+    Raises:
+        PacketError: wrong number of pairs, or a width that does not fit into 12 bits.
+    """
+    return encode(Frame(FrameType.SET_LIMITS, seq, split12([end for pair in limits_us for end in pair])))
+
+
+def slew(seq: int, us_per_frame: int) -> bytes:
+    """SLEW: largest change of a pulse width in [us] a servo frame of 20 ms.
+
+    Raises:
+        PacketError: the change does not fit into 12 bits.
+    """
+    return encode(Frame(FrameType.SLEW, seq, split12([us_per_frame])))
+
+
+def banner(seq: int, content: Banner) -> bytes:
+    """BANNER, as the board sends it.
+
+    Raises:
+        PacketError: a number does not fit into a sextet.
+    """
+    payload = (content.protocol, content.major, content.minor, content.reset_cause)
+    return encode(Frame(FrameType.BANNER, seq, payload))
+
+
+def telemetry(seq: int, content: Telemetry) -> bytes:
+    """TELEMETRY, as the board sends it.
+
+    Raises:
+        PacketError: wrong number of widths, or a number that does not fit.
+    """
+    numbers = split12([int(content.flags), *content.widths_us, content.rejects, content.overruns])
+    return encode(Frame(FrameType.TELEMETRY, seq, (content.seq, *numbers)))
+
+
+def read_banner(frame: Frame) -> Banner:
+    """Content of a BANNER frame.
+
+    Raises:
+        PacketError: it is a frame of another type.
+    """
+    _need(frame, FrameType.BANNER)
+    return Banner(*frame.payload)
+
+
+def read_telemetry(frame: Frame) -> Telemetry:
+    """Content of a TELEMETRY frame.
+
+    Raises:
+        PacketError: it is a frame of another type.
+    """
+    _need(frame, FrameType.TELEMETRY)
+    flags, *widths, rejects, overruns = join12(frame.payload[1:])
+    return Telemetry(frame.payload[0], BoardFlags(flags), tuple(widths), rejects, overruns)
+
+
+def _need(frame: Frame, kind: FrameType) -> None:
+    if frame.kind is not kind:
+        raise PacketError(f"frame of type {frame.kind.name} where {kind.name} was expected")
+
+
+@dataclass(slots=True)
+class FrameParser:
+    """Finds frames in a stream of bytes, whatever stands between them.
+
+    The header always starts a new frame; a byte without the form of a sextet, an unknown type or a wrong CRC
+    drops the frame begun. Bytes outside frames (legacy packets, start-up text) are passed over.
+
+    Attributes:
+        accepted: Frames accepted so far.
+        dropped: Frames dropped so far.
+    """
+
+    accepted: int = 0
+    dropped: int = 0
+    _body: list[int] | None = field(default=None, repr=False)
+
+    def reset(self) -> None:
+        """Forget a frame begun; the counters stay."""
+        self._body = None
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Frames completed by these bytes, oldest first; never raises."""
+        return [frame for frame in map(self._take, data) if frame is not None]
+
+    def _take(self, value: int) -> Frame | None:
+        if value == FRAME_HEADER:
+            if self._body is not None:
+                self._drop()
+            self._body = []
+        elif self._body is not None:
+            if 0x80 <= value <= 0xBF:
+                self._body.append(value & 0x3F)
+                return self._complete(self._body)
+            self._drop()
+        return None
+
+    def _complete(self, body: list[int]) -> Frame | None:
+        length = _PAYLOAD_OF_NUMBER.get(body[0])
+        if length is None:
+            self._drop()
+        elif len(body) == 4 + length:
+            content, (high, low) = body[:-2], body[-2:]
+            if (high << 6) | low == crc8(content):  # also refuses the four unused bits
+                self._body = None
+                self.accepted += 1
+                return Frame(FrameType(content[0]), content[1], tuple(content[2:]))
+            self._drop()
+        return None
+
+    def _drop(self) -> None:
+        self._body = None
+        self.dropped += 1

@@ -1,0 +1,188 @@
+"""The legacy packet: header 255, then one degree byte per servo (see `servo`); the board says nothing.
+
+The header always begins a new packet. The board drops a packet with a byte outside 60..180 or older than
+40 ms, and keeps its last pose when the line falls silent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from servo_bridge.errors import PacketError
+from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
+from servo_bridge.protocols.tilt_lines import LineParser, text_of
+from servo_bridge.servo import angles_to_bytes, bytes_to_angles
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+
+HEADER = 255
+"""First byte of a packet; servo bytes never reach it."""
+
+BYTE_LOW, BYTE_HIGH = 60, 180
+"""Range of servo bytes that the board's own parser accepts."""
+
+PARTIAL_TIMEOUT_S = 0.040
+"""Age in [s] at which the board drops a packet that is not complete."""
+
+BOOT_LOADER_BYTE = 100
+"""0x64, the boot loader's "program a page": received first after a reset it erases the firmware's start."""
+
+
+class LegacyProtocol(BoardProtocol):
+    """Degree bytes behind a header, to a board that only listens; lines of tilts from it are read."""
+
+    name = "legacy"
+
+    def __init__(self, board: BoardDescription) -> None:
+        super().__init__(board)
+        self._lines = LineParser()
+
+    @classmethod
+    def board_model(cls, servo_count: int) -> BoardModel:
+        """A board that keeps the newest whole packet."""
+        return LegacyBoard(servo_count)
+
+    def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
+        """Header and degree bytes; a byte 100 becomes 101 unless that is switched off."""
+        packet = encode_packet(angles_rad, self.servos, self.board.header)
+        sent = avoid_byte_100(packet, self.servos) if self.avoid_byte_100 else packet
+        servo_bytes = tuple(sent[1:])
+        return EncodedPacket(sent, servo_bytes, bytes_to_angles(servo_bytes, self.servos), sent != packet)
+
+    def decode(self, data: bytes) -> Decoded:
+        """Lines of tilts, if any; nothing of it tells this board from another."""
+        return Decoded(tilts=tuple(self._lines.feed(text_of(data))))
+
+    def values(self) -> Mapping[str, object]:
+        """Count of other text, where the board has sent tilts."""
+        return self._lines.values()
+
+
+def encode_packet(
+    angles_rad: Sequence[float], servos: Sequence[ServoCalibration], header: int = HEADER
+) -> bytes:
+    """Packet for joint angles in [rad], one per servo in packet order: header, then their degree bytes.
+
+    Raises:
+        CommandError: wrong number of angles, or one that is not finite; nothing is encoded.
+    """
+    return bytes([header, *angles_to_bytes(angles_rad, servos)])
+
+
+def rest_packet(servos: Sequence[ServoCalibration], header: int = HEADER) -> bytes:
+    """Packet of the safe pose: every servo at its rest byte."""
+    return bytes([header, *(servo.rest_byte for servo in servos)])
+
+
+def avoid_byte_100(packet: bytes, servos: Sequence[ServoCalibration]) -> bytes:
+    """The packet with every servo byte 100 replaced by 101 (by 99 for a servo that may not go beyond 100).
+
+    A board that is reset in the middle of a packet runs its boot loader first; if the first byte it then sees
+    is 100, the boot loader erases the start of the firmware and the board is dead until the next upload. One
+    degree is the dead band of a hobby servo, so nothing is lost.
+    """
+    if BOOT_LOADER_BYTE not in packet[1:]:
+        return packet
+    above = BOOT_LOADER_BYTE + 1
+    below = BOOT_LOADER_BYTE - 1
+    return packet[:1] + bytes(
+        value if value != BOOT_LOADER_BYTE else (above if servo.byte_max >= above else below)
+        for value, servo in zip(packet[1:], servos, strict=True)
+    )
+
+
+def decode_packet(packet: bytes, servo_count: int, header: int = HEADER) -> tuple[int, ...]:
+    """Servo bytes of one whole packet.
+
+    Raises:
+        PacketError: wrong length, wrong header, or a servo byte outside 60..180.
+    """
+    if len(packet) != servo_count + 1 or packet[0] != header:
+        raise PacketError(
+            f"{packet.hex(' ') or 'no bytes'}: expected {header:02x} and {servo_count} servo bytes"
+        )
+    for value in packet[1:]:
+        if not BYTE_LOW <= value <= BYTE_HIGH:
+            raise PacketError(f"{packet.hex(' ')}: servo byte {value} lies outside {BYTE_LOW}..{BYTE_HIGH}")
+    return tuple(packet[1:])
+
+
+@dataclass(slots=True)
+class PacketParser:
+    """The board's side of the protocol, byte by byte, on a clock that is passed in.
+
+    The header always starts a new packet; a byte outside 60..180 drops the packet; so does an age of 40 ms.
+
+    Attributes:
+        servo_count: Servo bytes in a packet.
+        header: First byte of a packet.
+        accepted: Packets accepted so far.
+        dropped: Packets dropped so far (cut short by a new header, out of range, or too old).
+    """
+
+    servo_count: int = 3
+    header: int = HEADER
+    accepted: int = 0
+    dropped: int = 0
+    _partial: bytearray | None = field(default=None, repr=False)
+    _started: float = field(default=0.0, repr=False)
+
+    def reset(self) -> None:
+        """Forget a packet begun, as a reset of the board does; the counters stay."""
+        self._partial = None
+
+    def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
+        """Packets completed by bytes received at the time `now` in [s] (any steady clock), oldest first."""
+        packets: list[tuple[int, ...]] = []
+        for value in data:
+            packet = self._take(value, now)
+            if packet is not None:
+                packets.append(packet)
+        return packets
+
+    def _take(self, value: int, now: float) -> tuple[int, ...] | None:
+        if self._partial is not None and now - self._started > PARTIAL_TIMEOUT_S:
+            self._drop()
+        if value == self.header:
+            if self._partial is not None:
+                self._drop()
+            self._partial, self._started = bytearray(), now
+        elif self._partial is not None:
+            if BYTE_LOW <= value <= BYTE_HIGH:
+                self._partial.append(value)
+            else:
+                self._drop()
+        if self._partial is None or len(self._partial) < self.servo_count:
+            return None
+        packet, self._partial = tuple(self._partial), None
+        self.accepted += 1
+        return packet
+
+    def _drop(self) -> None:
+        self._partial = None
+        self.dropped += 1
+
+
+class LegacyBoard(BoardModel):
+    """A board that takes legacy packets and says nothing."""
+
+    def __init__(self, servo_count: int) -> None:
+        self._packets = PacketParser(servo_count)
+
+    @property
+    def accepted(self) -> int:
+        """Packets accepted so far."""
+        return self._packets.accepted
+
+    @property
+    def dropped(self) -> int:
+        """Packets dropped so far."""
+        return self._packets.dropped
+
+    def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
+        """Servo bytes of the packets that these bytes complete, oldest first."""
+        return self._packets.feed(data, now)
+
+    def reset(self, cause: int) -> None:
+        """Forget a packet begun; the counters stay."""
+        self._packets.reset()

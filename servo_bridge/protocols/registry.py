@@ -1,0 +1,146 @@
+"""The protocols that are known by name: the built-in ones, and those that a robot's Python file registers."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from pathlib import Path
+from typing import TypeVar
+
+from servo_bridge.errors import ProtocolError
+from servo_bridge.protocols.ascii_imu import AsciiImuProtocol
+from servo_bridge.protocols.extended import ExtendedProtocol
+from servo_bridge.protocols.legacy import LegacyProtocol
+from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
+from softsim_core.errors import listing
+from softsim_core.scene.board import BoardDescription
+
+AUTO = "auto"
+"""Stands for: find out by listening; a board that says nothing of its own is taken for `FALLBACK`."""
+
+WAITING = "waiting"
+"""State of a link whose board is not known yet; like `AUTO` no name of a protocol."""
+
+FALLBACK: type[BoardProtocol] = LegacyProtocol
+"""Protocol of a board that does not say what it is."""
+
+_BUILT_IN: tuple[type[BoardProtocol], ...] = (LegacyProtocol, ExtendedProtocol, AsciiImuProtocol)
+_registered: dict[str, type[BoardProtocol]] = {each.name: each for each in _BUILT_IN}
+
+_METHODS = {
+    Ability.DETECT: "decode",
+    Ability.IMU: "decode",
+    Ability.HOLD: "hold",
+    Ability.RELAX: "relax",
+    Ability.LIMITS: "limits",
+}
+
+Protocol = TypeVar("Protocol", bound=type[BoardProtocol])
+
+
+def register(protocol: Protocol) -> Protocol:
+    """Make a protocol known by its name; usable as a decorator of its class.
+
+    A class of the same file and name replaces the one before: a scene that is loaded anew registers anew.
+
+    Returns:
+        The class.
+
+    Raises:
+        ProtocolError: the class is not whole, or its name is taken.
+    """
+    if not (isinstance(protocol, type) and issubclass(protocol, BoardProtocol)):
+        raise ProtocolError(f"{protocol!r} is no board protocol; derive a class from BoardProtocol")
+    what = f"board protocol {protocol.__qualname__}"
+    if inspect.isabstract(protocol):
+        missing = listing(sorted(protocol.__abstractmethods__))
+        raise ProtocolError(f"{what} does not define {missing}; see BoardProtocol")
+    name = getattr(protocol, "name", "")
+    if not (isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]*", name)) or name in (AUTO, WAITING):
+        raise ProtocolError(
+            f"{what}: name {name!r} cannot be used; give small letters, digits and _, not {AUTO} or {WAITING}"
+        )
+    if Ability.TELEMETRY in protocol.abilities and Ability.DETECT not in protocol.abilities:
+        raise ProtocolError(f"{what}: TELEMETRY needs DETECT; name both abilities, or neither")
+    for ability, method in _METHODS.items():
+        if ability in protocol.abilities and getattr(protocol, method) is getattr(BoardProtocol, method):
+            raise ProtocolError(f"{what} has the ability {ability.name} and no method {method}; define it")
+    former = _registered.get(name)
+    if former is not None and _origin(former) != _origin(protocol):
+        raise ProtocolError(
+            f"{what}: the name {name} is taken by {former.__qualname__} of {_origin(former)[0]};"
+            " choose another"
+        )
+    _registered[name] = protocol
+    return protocol
+
+
+def names() -> tuple[str, ...]:
+    """Names of all known protocols, sorted."""
+    return tuple(sorted(_registered))
+
+
+def protocol_named(name: str) -> type[BoardProtocol]:
+    """The protocol of a name.
+
+    Raises:
+        ProtocolError: nothing of that name is registered.
+    """
+    found = _registered.get(name)
+    if found is None:
+        raise ProtocolError(
+            f"no board protocol is named {name!r}; known: {listing((AUTO, *names()))}; the robot's Python"
+            " file can register one of its own"
+        )
+    return found
+
+
+def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol], ...]:
+    """The protocols that a board may speak; the last one is written in where none recognises it.
+
+    Args:
+        choice: Name of a protocol, or `AUTO`: the robot's own where its board names one, else every protocol
+            built in that detects its boards, fits the servos and the baud rate, and then the fallback. What a
+            file registered is never asked unless it is named.
+        board: The robot's board.
+
+    Raises:
+        ProtocolError: unknown name, or a protocol that does not fit the board's servos.
+    """
+    chosen = board.protocol if choice == AUTO else choice
+    if chosen != AUTO:
+        protocol = protocol_named(chosen)
+        if problem := protocol.refusal(board):
+            raise ProtocolError(problem)
+        return (protocol,)
+    detecting = (
+        each
+        for each in _BUILT_IN
+        if Ability.DETECT in each.abilities
+        and each.baud_rate in (None, board.baud_rate)
+        and not each.refusal(board)
+    )
+    return (*detecting, FALLBACK)
+
+
+def model_of_board(choice: str, servo_count: int) -> BoardModel:
+    """A board without hardware that speaks a protocol; `AUTO` is a board that does not say what it is.
+
+    Raises:
+        ProtocolError: unknown name, or a protocol without a model of its board.
+    """
+    protocol = FALLBACK if choice == AUTO else protocol_named(choice)
+    model = protocol.board_model(servo_count)
+    if model is None:
+        raise ProtocolError(
+            f"the protocol {protocol.name} has no model of a board with {servo_count} servos; use a real"
+            " board, or define its method board_model"
+        )
+    return model
+
+
+def _origin(protocol: type[BoardProtocol]) -> tuple[str, str]:
+    """File and name of a class: a file that is loaded anew makes another class of the same origin."""
+    file = getattr(sys.modules.get(protocol.__module__), "__file__", None)
+    return str(Path(file).resolve()) if file else protocol.__module__, protocol.__qualname__

@@ -1,0 +1,384 @@
+"""Collision surfaces of a scene: where their vertices are, how far they go, and what comes close."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.detection import Detector, Proximities
+from softsim_core.contact.rows import Carried
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.mechanics.model import Model, MotionSubspace
+from softsim_core.mechanics.pose import rotation_exp, rotation_log
+from softsim_core.mechanics.state import State
+
+_SHORTFALL = 0.9e-6
+"""By how much in [m] a gap at the end of a step may fall short of the contact distance."""
+_SPARE = 0.05
+"""Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carrier:
+    """What carries collision vertices that no deformable body carries.
+
+    Attributes:
+        vertices: Range of collision vertices.
+        local: Positions in the carrier's frame in [m], shape (k, 3).
+        rigid: Number of the free rigid body, or -1.
+        frame: Number of the free frame, or -1.
+        joint: Number of the joint that moves it, or -1.
+        base: Number of the joint whose base it is, or -1; all four -1: the world.
+    """
+
+    vertices: slice
+    local: Array
+    rigid: int = -1
+    frame: int = -1
+    joint: int = -1
+    base: int = -1
+
+
+class Place(NamedTuple):
+    """Where everything is after some share of a step.
+
+    Attributes:
+        state: The state there.
+        points: Collision vertices in [m], shape (v, 3).
+        moved: How far they have come in the step in [m], shape (v, 3).
+        turned: How far the free rigid bodies have come: way in [m] and rotation vector in [rad], as if their
+            velocities had been even since the start, shape (r, 6).
+    """
+
+    state: State
+    points: Array
+    moved: Array
+    turned: Array
+
+
+class Known(NamedTuple):
+    """The last place where detection looked.
+
+    Attributes:
+        buffer: The state there, shape as State.buffer.
+        place: The place.
+        travel: How far each surface was taken to go from there, in [m], shape (s,).
+        near: What was found.
+        motion_subspace: Motion subspace of the reduced coordinates; None where they carry no surface.
+    """
+
+    buffer: Array
+    place: Place
+    travel: Array
+    near: Proximities
+    motion_subspace: MotionSubspace | None
+
+
+class Turning(NamedTuple):
+    """A surface that turns with a rigid body, a frame or joints.
+
+    Attributes:
+        surface: Its number.
+        rigid: Number of the free rigid body, or -1.
+        reduced: Reduced coordinates that move it.
+        corner: Its first vertex.
+        radius: How far in [m] its vertices are at most from the body's centre, or from that vertex.
+    """
+
+    surface: int
+    rigid: int
+    reduced: list[int]
+    corner: int
+    radius: float
+
+
+class CollisionModel:
+    """The collision surfaces of a scene, and what carries their vertices.
+
+    Args:
+        surfaces: The surfaces, over one array of vertices.
+        settings: Distances and friction.
+        nodes, weights: Nodes that carry each vertex, and weights; zeros where a carrier does, (v, 4) each.
+        carriers: What carries the other vertices.
+        model: The model they belong to.
+        friction: Coulomb coefficient of each pair of surfaces, shape (s, s).
+        body_names: Names of the bodies that `owner` of a surface numbers.
+
+    Attributes:
+        carried: What carries each vertex, as arrays.
+        soft: Vertices that nodes carry, shape (k,).
+        moving: Whether frames or joints carry surfaces.
+        owner: Number of the body of each surface, shape (s,).
+        size: Diagonal of the box around all surfaces at rest in [m].
+        least_gap: Gap in [m] that the end of a step must leave everywhere.
+    """
+
+    def __init__(
+        self,
+        surfaces: tuple[CollisionSurface, ...],
+        settings: ContactSettings,
+        nodes: IndexArray,
+        weights: Array,
+        carriers: tuple[Carrier, ...],
+        model: Model,
+        friction: Array,
+        body_names: tuple[str, ...],
+    ) -> None:
+        self.surfaces, self.settings, self.carriers, self.model = surfaces, settings, carriers, model
+        self.friction, self.body_names = friction, body_names
+        self.owner = np.array([each.owner for each in surfaces], dtype=np.int64)
+        self.soft = np.flatnonzero(weights.any(axis=1))
+        self._nodes, self._weights = nodes[self.soft], weights[self.soft]
+        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # on nodes, not between them
+            heaviest = self._weights.argmax(axis=1)
+            self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
+        self.carried = _carried(surfaces, nodes, weights, carriers, model)
+        self.moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
+        self.least_gap = settings.contact_distance - _SHORTFALL
+        self._first = [each.vertices.start for each in surfaces]
+        self._still = np.zeros((len(nodes), 3))
+        self._fixed = self._still.copy()
+        for each in carriers:
+            self._fixed[each.vertices] = each.local
+        self._movable = tuple(
+            each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0
+        )
+        self._spheres = tuple(each for each in carriers if self.carried.radius[each.vertices].any())
+        start = self.points(model.rest_state())
+        self._detector = Detector(surfaces, start, settings)
+        self.size = float(np.linalg.norm(np.ptp(start, axis=0)))
+        self._parts = np.array([self._yields(each) for each in surfaces])
+        self._spare = np.where([each.moving for each in surfaces], _SPARE * settings.alarm_distance, 0.0)
+        self._fall = model.dt * float(np.linalg.norm(model.gravity))
+        self._turning = tuple(
+            _turning(s, each, model)
+            for s, surface in enumerate(surfaces)
+            for each in self._movable
+            if each.vertices.start == surface.vertices.start
+        )
+        self._known: Known | None = None
+
+    # --- where things are ---
+
+    def points(self, state: State) -> Array:
+        """Positions of the collision vertices in [m], shape (v, 3)."""
+        points = self._fixed.copy()
+        points[self.soft] = self._followed(state.positions)
+        for carrier in self._movable:
+            origin, rotation = _pose(carrier, self.model, state)
+            points[carrier.vertices] = origin + carrier.local @ rotation.T
+        return points
+
+    def start(self, before: State) -> Place:
+        """The start of a step; most often, the end of the one before."""
+        known, still = self._known, np.zeros_like(before.rigid_velocities)
+        if known is not None and np.array_equal(known.buffer, before.buffer):
+            return Place(before, known.place.points, self._still, still)
+        return Place(before, self.points(before), self._still, still)
+
+    def end(self, start: Place, state: State) -> Place:
+        """The end of a step from `start` that has led to `state`, rigid bodies not finished yet."""
+        points = self.points(state)
+        turned = self.model.dt * state.rigid_velocities
+        return Place(state, points, points - start.points, turned)
+
+    def motion_subspace(self, place: Place) -> MotionSubspace | None:
+        """Motion subspace of the reduced coordinates; None where they carry no surface."""
+        if not self.moving:
+            return None
+        known = self._known
+        if known is not None and known.place.points is place.points:
+            return known.motion_subspace
+        return self.model.motion_subspace(place.state)
+
+    def between(self, start: Place, end: Place, share: float) -> Place:
+        """The place after a share of the way from the start to the end of a step."""
+        a, b, model = start.state, end.state, self.model
+        state = model.empty_state()
+        state.buffer[:] = a.buffer + share * (b.buffer - a.buffer)
+        for f, rotation in enumerate(a.frame_rotations):
+            turn = rotation_log(b.frame_rotations[f] @ rotation.T)
+            state.frame_rotations[f] = rotation_exp(share * turn) @ rotation
+        if model.rigid.names:
+            state.rigid_velocities[:] = end.turned / model.dt
+            model.rigid.advance(state, a, share * model.dt)
+        points = self.points(state)
+        return Place(state, points, points - start.points, share * end.turned)
+
+    def _followed(self, nodal: Array) -> Array:
+        """What soft vertices take from the nodes' positions or velocities (n, 3), shape (soft, 3)."""
+        if self._nodes.ndim == 1:
+            return nodal[self._nodes]
+        return np.asarray(np.einsum("vk,vki->vi", self._weights, nodal[self._nodes]))
+
+    def _farthest(self, moved: Array) -> Array:
+        """The longest way of a vertex of each surface in [m], shape (s,), of ways (v, 3)."""
+        squares = np.einsum("vi,vi->v", moved, moved)
+        return np.sqrt(np.maximum.reduceat(squares, self._first))
+
+    # --- what comes close ---
+
+    def near(self, points: Array, reach: float) -> Proximities:
+        """Where surfaces whose vertices are at `points` (v, 3) are closest, nearer than `reach` [m]."""
+        return self._detector.detect(points, reach)
+
+    def at_start(self, start: Place, free: Place) -> Proximities:
+        """What comes close within a step that would lead from `start` to `free`, were there no contact."""
+        known = self._known
+        if known is None or known.place.points is not start.points:
+            known = self._known = self._looked(start)
+        needed = free.moved.copy()
+        needed[self.soft] = self.model.dt * self._followed(start.state.velocities)
+        farther = self._farthest(needed)
+        if (farther > known.travel).any():
+            travel = np.maximum(farther, known.travel)
+            return self._detector.candidates(start.points, self.settings.alarm_distance, travel)
+        return known.near
+
+    def at_end(self, end: Place) -> Proximities:
+        """What is close at the end of a step, and what comes close within the next one."""
+        self._known = self._looked(end)
+        return self._known.near
+
+    def at(self, place: Place, free: Place, end: Place) -> Proximities:
+        """What is close at a place within a step, seen from which the step leads on to `free` and `end`."""
+        ways = self._farthest(free.points - place.points), self._farthest(end.points - place.points)
+        return self._detector.candidates(place.points, self.settings.alarm_distance, np.maximum(*ways))
+
+    def edges_again(self, keys: IndexArray, place: Place) -> Proximities:
+        """The pairs of edges among contacts found earlier, by their keys (k,), where they are closest now."""
+        return self._detector.edges_again(keys, place.points)
+
+    def free_share(self, start: Place, end: Place) -> float:
+        """Share of the way from `start` to `end` on which nothing passes a surface."""
+        travel = self._farthest(end.moved)[self._detector.pairs].sum(axis=1)
+        watched = self._parts[self._detector.pairs].any(axis=1) & (travel > self.least_gap)
+        if not watched.any():
+            return 1.0
+        return self._detector.free_share(start.points, end.points, watched)
+
+    def room(self, near: Proximities) -> float:
+        """Smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
+        parted = self._parts[near.pair].any(axis=1)
+        return float(near.distance[parted].min(initial=self.settings.alarm_distance))
+
+    def _looked(self, place: Place) -> Known:
+        """Detection at a place, wide enough for the step from there if nothing changes its pace much."""
+        motion_subspace = self.motion_subspace(place)
+        travel = self._expected(place, motion_subspace)
+        near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
+        return Known(place.state.buffer.copy(), place, travel, near, motion_subspace)
+
+    def _expected(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
+        """How far the vertices of each surface may go in the step from `place`, in [m], shape (s,).
+
+        Worked out of the state alone, so that it is the same at the end of a step and at the start of the
+        next one: a bound, from velocities and the size of what turns.
+        """
+        state, h = place.state, self.model.dt
+        travel = np.zeros(len(self.surfaces))
+        if len(self.soft):
+            ways = self._still.copy()
+            ways[self.soft] = h * self._followed(state.velocities)
+            travel = self._farthest(ways)
+        for turning in self._turning:
+            if turning.rigid >= 0:
+                x, y, z, a, b, c = state.rigid_velocities[turning.rigid].tolist()
+                spin = turning.radius * math.sqrt(a * a + b * b + c * c)
+                travel[turning.surface] = h * (self._fall + math.sqrt(x * x + y * y + z * z) + spin)
+            elif motion_subspace is not None:
+                corner = place.points[turning.corner]
+                for b in turning.reduced:
+                    pace = h * abs(float(state.reduced_velocities[b]))
+                    if pace > 0.0:
+                        arm = math.dist(corner, motion_subspace.origin[b]) + turning.radius
+                        turn, slide = (
+                            math.hypot(*motion_subspace.angular[b]),
+                            math.hypot(*motion_subspace.linear[b]),
+                        )
+                        travel[turning.surface] += pace * (turn * arm + slide)
+        return travel + self._spare
+
+    # --- what moves them ---
+
+    def rolled(self, start: Place, place: Place) -> Array:
+        """Radius times rotation vector of each sphere since the start in [m], zeros elsewhere, (v, 3)."""
+        rolled = self._still
+        if not self._spheres:
+            return rolled
+        rolled = rolled.copy()
+        for carrier in self._spheres:
+            if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn per step
+                turn = place.turned[carrier.rigid, 3:]
+            else:
+                now, then = (_pose(carrier, self.model, each.state)[1] for each in (place, start))
+                turn = rotation_log(now @ then.T)
+            rolled[carrier.vertices] = self.carried.radius[carrier.vertices][:, None] * turn
+        return rolled
+
+    def _yields(self, surface: CollisionSurface) -> bool:
+        """Whether a force moves a surface: it deforms, or a free body, frame or compliant joint has it."""
+        if surface.soft:
+            return surface.moving
+        model = self.model
+        carrier = next(each for each in self.carriers if each.vertices.start == surface.vertices.start)
+        if carrier.rigid >= 0 or carrier.frame >= 0:
+            return True
+        joints = [b - 6 * len(model.frame_names) for b in _reduced(carrier, model)]
+        return any(model.joints[j].stiffness is not None for j in joints)
+
+
+def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
+    """Origin (3,) and rotation (3, 3) of a carrier."""
+    if carrier.rigid >= 0:
+        return state.rigid_positions[carrier.rigid], state.rigid_rotations[carrier.rigid]
+    if carrier.frame >= 0:
+        return state.frame_positions[carrier.frame], state.frame_rotations[carrier.frame]
+    if carrier.joint >= 0:
+        return model.joint_frame(carrier.joint, state)
+    if carrier.base >= 0:
+        return model.base_frame(carrier.base, state)
+    return np.zeros(3), np.eye(3)
+
+
+def _carried(
+    surfaces: tuple[CollisionSurface, ...],
+    nodes: IndexArray,
+    weights: Array,
+    carriers: tuple[Carrier, ...],
+    model: Model,
+) -> Carried:
+    """What carries each vertex, as arrays."""
+    count = len(nodes)
+    widest = max((len(_reduced(carrier, model)) for carrier in carriers), default=0)
+    radius, rigid, reduced = np.zeros(count), np.full(count, -1), np.full((count, max(widest, 1)), -1)
+    for surface in surfaces:
+        radius[surface.vertices] = surface.radius
+    for carrier in carriers:
+        rigid[carrier.vertices] = carrier.rigid
+        unknowns = _reduced(carrier, model)
+        reduced[carrier.vertices, : len(unknowns)] = unknowns
+    return Carried(weights.any(axis=1), nodes, weights, radius, rigid, reduced)
+
+
+def _reduced(carrier: Carrier, model: Model) -> list[int]:
+    """Reduced coordinates that move a carrier."""
+    if carrier.frame >= 0:
+        return list(range(6 * carrier.frame, 6 * carrier.frame + 6))
+    if carrier.joint >= 0:
+        return [6 * len(model.frame_names) + j for j in model.chain(carrier.joint)]
+    if carrier.base >= 0:
+        return [6 * len(model.frame_names) + j for j in model.chain(carrier.base)[:-1]]
+    return []
+
+
+def _turning(surface: int, carrier: Carrier, model: Model) -> Turning:
+    """A surface, and what moves it."""
+    centre = np.zeros(3) if carrier.rigid >= 0 else carrier.local[0]
+    radius = float(np.linalg.norm(carrier.local - centre, axis=1).max())
+    return Turning(surface, carrier.rigid, _reduced(carrier, model), carrier.vertices.start, radius)

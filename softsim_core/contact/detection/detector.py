@@ -1,0 +1,202 @@
+"""Contact detection: pairs of points at which surfaces are locally closest, within a reach."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.contact.detection.broad_phase import allocate
+from softsim_core.contact.detection.candidates import Found, allocate_found, allocate_near
+from softsim_core.contact.detection.known_edges import KnownEdges, meet_known_edges
+from softsim_core.contact.detection.passage import Way, free_share
+from softsim_core.contact.detection.search import sweep
+from softsim_core.contact.detection.topology import build_topology
+from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.errors import DetectionOverflowError
+
+_ROOM = 1024  # pairs of features; doubled when a scene needs more
+_MOST_ROOM = 1 << 20
+"""Most pairs of features that are listed: some 300 MB."""
+_MOST_SURFACES = 1 << 20
+
+
+class Proximities(NamedTuple):
+    """k contacts. Point P lies on the pair's first surface (side a), point Q on its second.
+
+    Attributes:
+        a: Vertices that carry P, shape (k, 3); those of weight 0 repeat another one.
+        a_weights: Their shares, rows sum to 1, shape (k, 3).
+        b: Vertices that carry Q, shape (k, 3).
+        b_weights: Their shares, shape (k, 3).
+        normal: Unit vector from side b to side a, shape (k, 3). P and Q of a sphere are its centre; it
+            touches `radius` along the normal away from there.
+        distance: Gap between the surfaces along the normal in [m], radii taken off; negative where they
+            overlap, shape (k,).
+        foremost: Whether this is a local minimum of the distance between the surfaces. What is not may become
+            one while surfaces turn, or is only measured, shape (k,).
+        seeker: The vertex (sphere) that looks for the nearest place of the other surface; -1 for two edges or
+            two spheres, shape (k,).
+        pair: Numbers of the surfaces, first < second, shape (k, 2).
+        key: Number of the pair of features; the same from step to step, unique, shape (k,).
+    """
+
+    a: IndexArray
+    a_weights: Array
+    b: IndexArray
+    b_weights: Array
+    normal: Array
+    distance: Array
+    foremost: BoolArray
+    seeker: IndexArray
+    pair: IndexArray
+    key: IndexArray
+
+    def chosen(self, which: IndexArray) -> Proximities:
+        """Those of numbers `which`, sorted by key."""
+        order = which[np.argsort(self.key[which], kind="stable")]
+        return self._replace(**{name: each[order] for name, each in self._asdict().items()})
+
+    def joined(self, other: Proximities) -> Proximities:
+        """These, and others behind them."""
+        return Proximities(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
+    @property
+    def meeting(self) -> IndexArray:
+        """What meets: for a vertex, it and the other surface, wherever there; else the key; shape (k,)."""
+        first = self.a[:, 0] == self.seeker
+        other = np.where(first, self.pair[:, 1], self.pair[:, 0])
+        return np.where(self.seeker >= 0, -1 - self.seeker * _MOST_SURFACES - other, self.key)
+
+
+class Detector:
+    """Finds where surfaces come close.
+
+    A foremost contact is a local minimum of the distance: a vertex against a face, an edge or a vertex, or
+    two edges; and, so that a sphere may lie in a dent, every vertex of a deformable surface that is hardly
+    farther from it than the contact distance. A vertex of one surface that lies inside the other, by up to
+    half the reach and with its own surface facing the face it went through, gives a negative distance along
+    that face's outward normal.
+
+    Args:
+        surfaces: The surfaces, over disjoint ranges of the vertices.
+        rest_points: Vertex positions at rest in [m], shape (v, 3).
+        settings: Points of one body that lie within the contact distance at rest never meet.
+
+    Source: local minimal distance, Johnson and Willemsen 2003; one triangle per feature, Curtis, Tamstorf
+    and Manocha 2008.
+    """
+
+    def __init__(
+        self, surfaces: tuple[CollisionSurface, ...], rest_points: Array, settings: ContactSettings
+    ) -> None:
+        self.surfaces = surfaces
+        self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
+        self._contact_distance = settings.contact_distance
+        self._topology = build_topology(surfaces, self._rest)
+        self._boxes = allocate(self._topology)
+        self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
+        self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
+
+    def detect(self, points: Array, reach: float) -> Proximities:
+        """Foremost contacts of surfaces whose vertices are at `points` (v, 3), nearer than `reach` [m].
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        near = self.candidates(points, reach)
+        return near.chosen(np.flatnonzero(near.foremost))
+
+    def candidates(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
+        """All contacts with a gap of at most `reach`, and what the two surfaces may move.
+
+        Args:
+            points: Vertex positions in [m], shape (v, 3).
+            reach: Largest gap in [m] of surfaces that stand still: the alarm distance.
+            travel: How far each surface may move within the step in [m], shape (s,); None: not at all.
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        travel = np.zeros(len(self.surfaces)) if travel is None else travel
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        while True:
+            near, found = self._near, self._found
+            needed = sweep(
+                points,
+                self._rest,
+                reach,
+                travel,
+                self._contact_distance,
+                self._topology,
+                self._boxes,
+                near,
+                found,
+            )
+            if needed <= len(found.distance):
+                break
+            self._widen(needed)
+        return _listed(found)
+
+    def edges_again(self, keys: IndexArray, points: Array) -> Proximities:
+        """The pairs of edges among contacts found earlier, where they are closest now, however far.
+
+        A pair of edges of which another feature of either surface comes to be nearer is no longer listed by
+        `candidates`, and may be what has to be held all the same: the other one is nearer because it was.
+
+        Args:
+            keys: Keys of contacts, shape (k,).
+            points: Vertex positions in [m], shape (v, 3).
+        """
+        topology = self._topology
+        vertices, count = len(topology.radius), len(topology.edges)
+        total = vertices + count + len(topology.triangles)
+        edges = np.stack(np.divmod(keys, total), axis=1) - vertices
+        edges = edges[((edges >= 0) & (edges < count)).all(axis=1)]
+        first = topology.edges[edges, 0]
+        surfaces = np.searchsorted(topology.surface_vertex[:, 0], first, side="right") - 1
+        owner = self._owner[surfaces]
+        together = np.where(owner[:, 0] == owner[:, 1], self._contact_distance, -1.0)
+        found = allocate_found(len(edges))
+        meet_known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
+        return _listed(found)
+
+    def free_share(self, before: Array, after: Array, watched: BoolArray) -> float:
+        """Share of the way from `before` to `after` (v, 3) each in [m] on which nothing passes a surface.
+
+        Args:
+            before: Vertex positions at the start of the step.
+            after: The same at its end; each moves along a line.
+            watched: Which pairs of `pairs` are looked at, shape (p,).
+
+        Returns:
+            In 0..1; 1 where nothing passes anything.
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        way = Way(self._rest, before, after, watched, self._contact_distance)
+        while True:
+            share, needed = free_share(way, self._topology, self._boxes, self._near)
+            if needed <= len(self._near.leaves):
+                return float(share)
+            self._widen(needed)
+
+    @property
+    def pairs(self) -> IndexArray:
+        """Numbers of the surfaces that may meet, shape (p, 2)."""
+        return self._topology.pairs
+
+    def _widen(self, needed: int) -> None:
+        """Make room for twice as many pairs of features as are needed now."""
+        if needed > _MOST_ROOM:
+            raise DetectionOverflowError(needed, _MOST_ROOM)
+        self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
+
+
+def _listed(found: Found) -> Proximities:
+    """What was found."""
+    count = found.counter[0]
+    return Proximities(**{name: getattr(found, name)[:count].copy() for name in Proximities._fields})

@@ -1,0 +1,127 @@
+"""Compiled kernels of the rows of actuators, whatever their kind.
+
+A row H stands as one more column of the reduced coordinates in the panels, so that factoring the step's
+matrix brings H A^-1 H^T beside everything else; see reduced. Kinds without compiled kernels have their values
+and coefficients filled in before.
+"""
+
+from __future__ import annotations
+
+from softsim_core.actuation.compiled.kinds import CompiledKinds, fill, measure
+from softsim_core.arrays import Array
+from softsim_core.dynamics.numba_backend.bounded import bounded_forces
+from softsim_core.dynamics.numba_backend.compile import kernel
+from softsim_core.dynamics.numba_backend.kinematics import joint_frame
+from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
+from softsim_core.linalg.layout import Tree
+
+
+@kernel
+def measure_rows(motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds) -> None:
+    """Coordinates of the compiled kinds into rows.value."""
+    for j in range(len(rows.origins)):
+        joint_frame(j, motion, kinematics, rows.origins[j], rows.rotations[j])
+    measure(motion.positions, rows.origins, rows.rotations, kinds, rows.value)
+
+
+@kernel
+def add_rows(
+    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds, nodes: Nodes,
+    tree: Tree, work: Work,
+) -> None:  # fmt: skip
+    """Rows of actuators into their columns of panels and reduced; into rows.violation where s drifts.
+
+    That is the coordinate after h at the present velocities. The motion subspace of the reduced
+    coordinates has to be in `work`.
+    """
+    count = len(rows.joint)
+    if count == 0:
+        return
+    measure_rows(motion, kinematics, rows, kinds)
+    fill(work.angular, work.linear, work.origin, kinds, rows.coefficient)
+    size, last = len(motion.reduced_velocities), len(motion.positions)
+    for c in range(count):
+        column, rate = size + c, 0.0
+        for e in range(rows.start[c], rows.start[c + 1]):
+            n = rows.place[e]
+            if n >= last:
+                work.factor.schur[n - last, column] += rows.coefficient[e, 0]
+                rate += rows.coefficient[e, 0] * motion.reduced_velocities[n - last]
+                continue
+            s, z = nodes.supernode[n], nodes.region_number[n]
+            for i in range(3):
+                value = rows.coefficient[e, i]
+                rate += value * motion.velocities[n, i]
+                if s >= 0:
+                    row = nodes.first_unknown[n] + i - tree.first_column[s]
+                    at = tree.panel[s] + row * tree.width[s] + nodes.reduced_column[s, column]
+                    work.factor.panels[at] += value
+                elif z >= 0:
+                    for q in range(nodes.size[z]):
+                        work.factor.schur[nodes.reduced[z, q], column] += work.jacobian[z, q, i] * value
+        rows.violation[c] = rows.value[c] + h * rate
+
+
+@kernel
+def hold_rows(
+    h: float, targets: Array, lower: Array, upper: Array, change: Array, size: int, rows: ActuatorRows,
+    matrix: Array,
+) -> None:  # fmt: skip
+    """Multipliers within their bounds (c,), and what they are to the kinematics, into change[size:].
+
+    `matrix` is what eliminate_reduced left; rows.violation becomes s - q + c t at the end of the step.
+    """
+    count = len(rows.joint)
+    total = size + count
+    for c in range(count):
+        rows.violation[c] -= targets[rows.joint[c]] + h * matrix[size + c, total]
+        for d in range(count):
+            rows.response[c, d] = -h * h * matrix[size + min(c, d), size + max(c, d)]
+        rows.response[c, c] += rows.compliance[c]
+    bounded_forces(rows.response, rows.violation, lower, upper, rows.multiplier)
+    for c in range(count):
+        change[size + c] = -h * rows.multiplier[c]
+        for d in range(count):
+            rows.violation[c] += rows.response[c, d] * rows.multiplier[d]
+
+
+@kernel
+def report_rows(
+    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds
+) -> None:
+    """Multipliers as joint efforts, coordinates of the compiled kinds and their rates as those of joints."""
+    if len(rows.joint) == 0:
+        return
+    for c in range(len(rows.joint)):
+        motion.joint_efforts[rows.joint[c]] = rows.multiplier[c]
+        rows.before[c] = rows.value[c]
+    report_values(h, motion, kinematics, rows, kinds)
+
+
+@kernel
+def report_values(
+    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds
+) -> None:
+    """Coordinates of the compiled kinds, and their rates since rows.before, as those of their joints."""
+    measure_rows(motion, kinematics, rows, kinds)
+    first = len(motion.reduced_velocities) - len(motion.joint_positions)
+    for c in range(rows.compiled[0]):
+        motion.joint_positions[rows.joint[c]] = rows.value[c]
+        motion.reduced_velocities[first + rows.joint[c]] = (rows.value[c] - rows.before[c]) / h
+
+
+@kernel
+def report_impulses(
+    h: float,
+    impulses: Array,
+    motion: Motion,
+    kinematics: Kinematics,
+    rows: ActuatorRows,
+    kinds: CompiledKinds,
+) -> None:
+    """As report_rows, after impulses have come on top; `impulses` (c,) holds minus them."""
+    if len(rows.joint) == 0:
+        return
+    for c in range(len(rows.joint)):
+        motion.joint_efforts[rows.joint[c]] = rows.multiplier[c] - impulses[c] / h
+    report_values(h, motion, kinematics, rows, kinds)

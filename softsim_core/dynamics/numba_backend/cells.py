@@ -1,0 +1,169 @@
+"""The cells of a model for the compiled step: with kernels of their own, or through blocks from NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.compile import kernel
+from softsim_core.dynamics.numba_backend.elements import assemble_free, assemble_mixed, von_mises_stress
+from softsim_core.dynamics.numba_backend.layout import Cells, Elements, Nodes, Work
+from softsim_core.dynamics.numba_backend.scatter import PlainCells, node_pairs, scatter
+from softsim_core.fem.assembly import cell_von_mises, inverted_cells
+from softsim_core.fem.elements import element
+from softsim_core.fem.group import ElementGroup, empty_group
+from softsim_core.fem.materials import material
+from softsim_core.fem.materials.isotropic import lame
+from softsim_core.linalg.simd import LANES
+from softsim_core.linalg.symbolic import Plan
+from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.state import State
+
+COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
+"""Elements and laws with kernels of their own: rotations by polar decomposition, and by frames."""
+
+
+@kernel
+def assemble_cells(
+    x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
+) -> None:
+    """Forces of cells with kernels, and scale times the stiffness of all, into panels and reduced.
+
+    `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
+    """
+    assemble_free(x, scale, polar, cells.polar_free, work)
+    assemble_mixed(x, scale, polar, cells.polar_mixed, nodes, work)
+    assemble_free(x, scale, frames, cells.frame_free, work)
+    assemble_mixed(x, scale, frames, cells.frame_mixed, nodes, work)
+    scatter(scale, cells.pairs, nodes, work)
+
+
+class PlannedCells:
+    """All cells that deform, and where they go.
+
+    Args:
+        model: Whose cells.
+        groups: Its groups without cells that are rigid as a whole, see `deforming`.
+        nodes: Places of the nodes in the step's arrays.
+        local: Number of each free node among the free ones, shape (n,).
+        layout: The plan of the factor.
+
+    Attributes:
+        arrays: For the kernels.
+        plain: The cells without kernels.
+    """
+
+    def __init__(
+        self, model: Model, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
+    ) -> None:
+        self._count = sum(len(group.cells) for group in model.groups)
+        self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
+        by_kind = {(group.element.name, group.material.name): group for group in groups}
+        for kind in COMPILED:
+            group = by_kind.pop(kind, None) or empty_group(element(kind[0]), material(kind[1]))
+            all_free = (model.region_of_node[group.cells] == FREE).all(axis=1)
+            for chosen in (all_free, ~all_free):
+                part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
+                self._kernels.append((part, elements, not part.material.in_cell_axes))
+        self._plain_groups = tuple(by_kind.values())
+        self.plain = PlainCells(self._plain_groups, nodes, local, layout)
+        polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
+        self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.plain.pairs)
+
+    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
+        """Take over the parameters of each body's law by name."""
+        for group, elements, _ in self._kernels:
+            moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
+            padded = np.zeros((len(elements.lame) * LANES, 2))
+            padded[: len(moduli)] = moduli
+            elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
+
+    def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
+        """Von Mises stress of each cell in [Pa], shape (m,); cells of one rigid region have none."""
+        result = np.zeros(self._count)
+        for group, elements, polar in self._kernels:
+            moduli = np.zeros((self._count, 2))
+            moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
+            von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
+        for group in self._plain_groups:
+            result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
+        return result
+
+    def inverted_beside_linear(self, positions: Array) -> int:
+        """How many cells of more than four nodes are inside out at positions (n, 3)."""
+        curved = (group for group in self._plain_groups if group.cells.shape[1] != 4)
+        return sum(int(inverted_cells(group, positions).sum()) for group in curved)
+
+
+def deforming(model: Model) -> list[ElementGroup]:
+    """The groups of a model without cells that are rigid as a whole."""
+    groups = []
+    for group in model.groups:
+        regions = model.region_of_node[group.cells]
+        rigid = (regions == regions[:, :1]).all(axis=1) & (regions[:, 0] != FREE)
+        groups.append(group.part(np.flatnonzero(~rigid)))
+    return groups
+
+
+def couplings(
+    model: Model, groups: Sequence[ElementGroup], local: IndexArray
+) -> tuple[IndexArray, IndexArray]:
+    """Pairs of coupled free nodes, and pairs (free node, reduced coordinate)."""
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(node_pairs(group.cells) for group in groups)])
+    regions = model.region_of_node[pairs]
+    edges = local[pairs[(regions == FREE).all(axis=1)]]
+    beside = pairs[(regions[:, 0] == FREE) & (regions[:, 1] >= 0)]
+    touching = np.unique(np.stack([local[beside[:, 0]], model.region_of_node[beside[:, 1]]], axis=1), axis=0)
+    reduced = {
+        (node, b) for node, region in touching.tolist() for b in model.regions[region].reduced.tolist()
+    }
+    unique = np.unique(edges, axis=0) if len(edges) else np.zeros((0, 2), dtype=np.int64)
+    return unique, np.array(sorted(reduced), dtype=np.int64).reshape(-1, 2)
+
+
+def _elements(
+    model: Model, group: ElementGroup, local: IndexArray, layout: Plan
+) -> tuple[ElementGroup, Elements]:
+    """The cells of a group in elimination order, and their places in the panels."""
+    nodes = group.cells
+    regions = model.region_of_node[nodes]
+    count = len(layout.position)
+    places = np.append(layout.position, 0)[local[nodes]]  # held and region nodes have no place of their own
+    rank = np.where(regions == FREE, places, np.where(regions >= 0, count, count + 1))
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    group, nodes, regions, rank = group.part(order), nodes[order], regions[order], rank[order]
+    inside = np.argsort(rank, axis=1, kind="stable")
+    ordered = np.take_along_axis(nodes, inside, axis=1)
+    gradients = np.take_along_axis(group.gradients[:, 0], inside[:, :, None], axis=1)
+    counts = np.stack([(regions == FREE).sum(axis=1), (regions >= 0).sum(axis=1)], axis=1)
+    starts, strides = np.zeros((len(nodes), 18), dtype=np.int64), np.zeros((len(nodes), 4), dtype=np.int64)
+    for e in range(len(nodes)):
+        free = local[ordered[e, : counts[e, 0]]].tolist()
+        pair = 0
+        for a, node in enumerate(free):
+            s = layout.supernode[node]
+            strides[e, a] = layout.width[s]
+            starts[e, 10 + a], starts[e, 14 + a] = layout.row_offset[node], s
+            for other in free[a:]:
+                column = layout.column_of[s][3 * int(layout.position[other])]
+                starts[e, pair] = layout.row_offset[node] + column
+                pair += 1
+    return group, Elements(
+        nodes=_in_lanes(ordered),
+        corners=_in_lanes(nodes),
+        gradients=_in_lanes(gradients.reshape(-1, 12)),
+        lame=np.zeros((-(-len(nodes) // LANES), 2, LANES)),
+        starts=starts,
+        strides=strides,
+        counts=counts,
+    )
+
+
+def _in_lanes(rows: Any) -> Any:
+    """Rows (e, r) as batches (B, r, LANES); lanes beyond the last row repeat it."""
+    missing = -len(rows) % LANES
+    padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
+    return np.ascontiguousarray(padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2))

@@ -1,0 +1,175 @@
+"""From the mechanical model to the arrays of the compiled step: planned once a model."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.actuation.compiled.kinds import CompiledKinds, compiled_kinds
+from softsim_core.actuation.joint_drive import drive_stiffness
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
+from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Nodes, Work
+from softsim_core.linalg.layout import Tree, empty_factor, tree_of
+from softsim_core.linalg.simd import LANES, ROWS
+from softsim_core.linalg.symbolic import Plan, plan
+from softsim_core.mechanics.model import Model
+
+
+class Prepared(NamedTuple):
+    """Everything the kernels need.
+
+    Attributes:
+        cells: The cells of all bodies.
+        nodes, kinematics, rows, tree, work: See layout.
+        kinds: Actuators that have compiled kernels.
+    """
+
+    cells: PlannedCells
+    nodes: Nodes
+    kinematics: Kinematics
+    rows: ActuatorRows
+    kinds: CompiledKinds
+    tree: Tree
+    work: Work
+
+
+def prepare(model: Model, actuators: Actuators) -> Prepared:
+    """Plan the elimination and lay out all arrays."""
+    kinds, compiled = compiled_kinds(actuators)
+    rows = _rows(model, actuators, compiled)
+    local = np.full(len(model.rest), -1, dtype=np.int64)
+    local[model.free_nodes] = np.arange(len(model.free_nodes))
+    groups = deforming(model)
+    edges, beside = couplings(model, groups, local)
+    beside = np.concatenate([beside, _pulled(model, rows, local)])
+    reduced_size = model.reduced_size + len(rows.joint)
+    layout = plan(len(model.free_nodes), edges, beside, reduced_size, LANES, ROWS)
+    nodes = _nodes(model, layout, reduced_size)
+    return Prepared(
+        PlannedCells(model, groups, nodes, local, layout),
+        nodes,
+        _kinematics(model),
+        rows,
+        kinds,
+        tree_of(layout),
+        _work(model, layout, reduced_size),
+    )
+
+
+def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
+    """Pairs (free node, reduced coordinate of the actuator whose row has it)."""
+    owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
+    on_node = rows.place < len(model.rest)
+    pairs = np.stack([local[rows.place[on_node]], model.reduced_size + owner[on_node]], axis=1)
+    return np.unique(pairs[pairs[:, 0] >= 0], axis=0)
+
+
+def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
+    """The rows of actuators for the kernels."""
+    constraints, count, joints = actuators.constraints, len(actuators), len(model.joints)
+    return ActuatorRows(
+        joint=constraints.joint,
+        start=constraints.start,
+        place=constraints.place,
+        compliance=constraints.compliance,
+        compiled=np.array([compiled]),
+        coefficient=np.zeros((len(constraints.place), 3)),
+        value=np.zeros(count),
+        before=np.zeros(count),
+        violation=np.zeros(count),
+        multiplier=np.zeros(count),
+        response=np.zeros((count, count)),
+        origins=np.zeros((joints, 3)),
+        rotations=np.zeros((joints, 3, 3)),
+    )
+
+
+def _nodes(model: Model, layout: Plan, reduced_size: int) -> Nodes:
+    free = model.free_nodes
+    region_nodes = np.concatenate([np.zeros(0, np.int64)] + [region.nodes for region in model.regions])
+    reduced = np.zeros((len(region_nodes), _widest(model)), dtype=np.int64)
+    size = np.zeros(len(region_nodes), dtype=np.int64)
+    region_of = np.repeat(np.arange(len(model.regions)), [len(region.nodes) for region in model.regions])
+    for z, region in enumerate(region_of):
+        unknowns = model.regions[region].reduced
+        reduced[z, : len(unknowns)], size[z] = unknowns, len(unknowns)
+    number = np.full(len(model.rest), -1, dtype=np.int64)
+    number[region_nodes] = np.arange(len(region_nodes))
+    first = np.concatenate([[0], np.cumsum(layout.columns)])[layout.supernode]
+    first_unknown, supernode = np.full((2, len(model.rest)), -1, dtype=np.int64)
+    first_unknown[free], supernode[free] = 3 * layout.position, layout.supernode
+    return Nodes(
+        free=free,
+        row=layout.row_offset,
+        stride=layout.width[layout.supernode],
+        column=3 * layout.position - first,
+        right=(layout.later + layout.side - 1)[layout.supernode],
+        unknown=3 * layout.position,
+        region=region_nodes,
+        region_of=region_of.astype(np.int64),
+        local=np.concatenate([np.zeros((0, 3))] + [region.local for region in model.regions]),
+        reduced=reduced,
+        size=size,
+        region_number=number,
+        reduced_column=_reduced_columns(layout, reduced_size),
+        first_unknown=first_unknown,
+        supernode=supernode,
+        mass=model.mass.copy(),
+        diagonal=np.zeros(len(model.rest)),
+    )
+
+
+def _widest(model: Model) -> int:
+    """Most reduced coordinates that move one node."""
+    return max((len(region.reduced) for region in model.regions), default=1)
+
+
+def _kinematics(model: Model) -> Kinematics:
+    joints = model.joints
+
+    def stacked(rows: list[Array], *shape: int) -> Array:
+        return np.array(rows, dtype=float).reshape(-1, *shape)
+
+    return Kinematics(
+        base_rotation=stacked([joint.base_rotation for joint in joints], 3, 3),
+        axis=stacked([joint.axis if joint.moves_frame else 0.0 * joint.axis for joint in joints], 3),
+        slide=stacked([joint.slide_axis for joint in joints], 3),
+        revolute=np.array([joint.revolute for joint in joints], dtype=np.bool_),
+        stiffness=drive_stiffness(model),
+        inertia=np.array([joint.inertia for joint in joints], dtype=float),
+        parent=np.array([joint.parent for joint in joints], dtype=np.int64),
+        rest=np.array([joint.rest for joint in joints], dtype=float),
+        regions=np.array([(region.frame, region.joint) for region in model.regions], dtype=np.int64).reshape(
+            -1, 2
+        ),
+    )
+
+
+def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
+    size, nodes = model.reduced_size, len(model.rest)
+    in_regions = sum(len(region.nodes) for region in model.regions)
+    return Work(
+        factor=empty_factor(layout, reduced_size),
+        scratch=np.zeros((reduced_size, reduced_size + 1)),
+        forces=np.zeros((nodes, 4)),
+        jacobian=np.zeros((in_regions, _widest(model), 3)),
+        angular=np.zeros((size, 3)),
+        linear=np.zeros((size, 3)),
+        origin=np.zeros((size, 3)),
+        region_origins=np.zeros((len(model.regions), 3)),
+        region_rotations=np.zeros((len(model.regions), 3, 3)),
+        ahead=np.zeros((nodes, 3)),
+        deformation=np.zeros((9, LANES)),
+        rotations=np.zeros((9, LANES)),
+        blocks=np.zeros((30, LANES, 4)),
+    )
+
+
+def _reduced_columns(layout: Plan, reduced_size: int) -> IndexArray:
+    """Panel column of each reduced coordinate in each supernode, -1 where absent, shape (s, b + c)."""
+    first = 3 * len(layout.position)
+    table = [[places.get(first + b, -1) for b in range(reduced_size)] for places in layout.column_of]
+    return np.array(table, dtype=np.int64).reshape(len(layout.column_of), reduced_size)

@@ -1,0 +1,144 @@
+"""What forces on constraint rows do, by the factor that the compiled step or static tangent has left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.assembly import Unknowns
+from softsim_core.dynamics.numba_backend.compliance import apply_impulses, respond
+from softsim_core.dynamics.numba_backend.layout import Motion
+from softsim_core.dynamics.numba_backend.prepare import Prepared
+from softsim_core.dynamics.stepper import Condensed
+from softsim_core.linalg.compile import OneSignature
+from softsim_core.linalg.simd import LANES, ROWS
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.rows import Rows
+from softsim_core.mechanics.state import State
+
+
+class Responses:
+    """Answers from the factor that stands in the panels; what it keeps is room to work in.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        prepared: The arrays of its stepper.
+    """
+
+    def __init__(self, model: Model, actuators: Actuators, prepared: Prepared) -> None:
+        self.model, self.actuators, self.prepared = model, actuators, prepared
+        self._plain = len(actuators) > int(prepared.rows.compiled[0])
+        self._upper = np.triu(np.ones((model.reduced_size + len(actuators),) * 2, dtype=bool))
+        at = Unknowns(model)
+        self._first, self._prescribed = at.first_reduced, at.prescribed
+        self._solved = np.setdiff1d(np.arange(model.reduced_size), at.fixed - at.first_reduced)
+        self._spans = np.zeros((len(prepared.tree.columns), 2), dtype=np.int64)
+        self._spread = self._arriving = self._answer = np.zeros((0, 0))
+        self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
+        self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
+        self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # frames and joints come last
+        for group in model.groups:
+            self._body_of_node[group.cells] = group.body[:, None]
+
+    def positive(self) -> bool:
+        """Whether the free nodes' matrix had positive pivots: others leave a NaN in all that is left."""
+        return bool(np.isfinite(self._left()).all())
+
+    def compliance(self, rows: Rows, before: Motion) -> Array:
+        """FreeMotion.compliance; `before`: the state at the start of the step."""
+        size, acting = self.model.reduced_size, len(self.actuators)
+        compliance = np.empty((acting + rows.height,) * 2)
+        compliance[acting:, acting:] = self._respond(rows, before)
+        schur, arriving = self._left(), self._spread[self._first :, self._column]
+        compliance[:acting, :acting] = -schur[size:, size:]
+        compliance[:acting, acting:] = -arriving[size:]
+        compliance[acting:, :acting] = -arriving[size:].T
+        self._arriving = np.concatenate([schur[:size, size:], arriving[:size]], axis=1)
+        self._answer = np.zeros_like(self._arriving)
+        if len(solved := self._solved):
+            block = schur[np.ix_(solved, solved)]
+            self._answer[solved] = np.linalg.solve(block, self._arriving[solved])
+            compliance += self._arriving.T @ self._answer
+        return compliance
+
+    def correct(self, state: State, before: State, impulses: Array) -> float:
+        """Add to the free motion in `state` what impulses do; returns the top speed, NaN if one is."""
+        model, data, acting = self.model, self.prepared, len(self.actuators)
+        change = self._answer @ impulses
+        free = state.joint_positions.copy()
+        placed = np.zeros(self._spread.shape[1])
+        placed[self._column] = impulses[acting:]
+        speed = self._apply(
+            motion_of(state), motion_of(before), placed, np.concatenate([change, -impulses[:acting]]),
+            model.dt, data.kinematics, data.nodes, data.rows, data.kinds, data.tree, data.work, self._spread,
+            self._spans,
+        )  # fmt: skip
+        if len(free):
+            first, held = model.reduced_size - len(free), self._prescribed
+            schur = self._left()[first : model.reduced_size, : model.reduced_size]
+            reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
+            state.joint_efforts[held] += reaction[held]
+            state.joint_efforts -= data.kinematics.stiffness * (state.joint_positions - free)
+            state.joint_efforts[self.actuators.joint] = data.rows.multiplier + impulses[:acting] / model.dt
+        if self._plain:
+            multipliers = state.joint_efforts[self.actuators.joint]
+            self.actuators.report(model, state, data.rows.before, multipliers)
+        return float(speed)
+
+    def condensed(self, rows: Rows, motion: Motion) -> Condensed:
+        """StaticTangent.condensed; `motion`: where the tangent was taken."""
+        size = self.model.reduced_size
+        stiffness = self._left()[:size, :size]
+        if not rows.height:
+            return Condensed(stiffness, np.zeros((size, 0)), np.zeros((0, 0)))
+        compliance = self._respond(rows, motion)
+        return Condensed(stiffness, self._spread[self._first : self._first + size, self._column], compliance)
+
+    def _respond(self, rows: Rows, motion: Motion) -> Array:
+        """H A^-1 H^T with frames and joints at rest, (r, r); leaves Y and what reaches them in _spread."""
+        data = self.prepared
+        padded = rows.height + (-rows.height) % LANES
+        unknowns, lines = len(data.work.factor.solution), int(data.tree.columns.max(initial=0)) + 2 * ROWS
+        self._spread, space, product = self._rooms(
+            (unknowns, padded),
+            (lines * (int(data.tree.width.max(initial=0)) + padded),),
+            (padded, padded),
+        )
+        self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
+        self._respond_to(
+            *rows, self._column, motion, data.kinematics, data.nodes, data.tree, data.work, self._spread,
+            self._spans, space, product, result,
+        )  # fmt: skip
+        return result
+
+    def _columns(self, rows: Rows) -> IndexArray:
+        """Where each row stands: rows of one body side by side, so that supernodes meet few of them."""
+        body = np.zeros(rows.height, dtype=np.int64)
+        if len(rows.place):
+            first = rows.place[np.minimum(rows.start[:-1], len(rows.place) - 1)]
+            body = self._body_of_node[np.minimum(first, len(self._body_of_node) - 1)]
+        column = np.empty(rows.height, dtype=np.int64)
+        column[np.argsort(body, kind="stable")] = np.arange(rows.height)
+        return column
+
+    def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
+        """Arrays to work in, uninitialised; they are kept for the next call, and grow."""
+        sizes = [int(np.prod(shape)) for shape in shapes]
+        if sum(sizes) > len(self._room):
+            self._room = np.empty(2 * sum(sizes))
+        ends = np.cumsum(sizes)
+        return [
+            self._room[end - size : end].reshape(shape)
+            for end, size, shape in zip(ends, sizes, shapes, strict=True)
+        ]
+
+    def _left(self) -> Array:
+        """What elimination of the free nodes left of the matrix, whole, shape (b + c, b + c)."""
+        schur = self.prepared.work.factor.schur[:, :-1]
+        return np.where(self._upper, schur, schur.T)
+
+
+def motion_of(state: State) -> Motion:
+    """The state's arrays for the kernels."""
+    return Motion(*(getattr(state, name) for name in Motion._fields))

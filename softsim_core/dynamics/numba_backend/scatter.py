@@ -1,0 +1,125 @@
+"""Cells without a compiled kernel: blocks computed in NumPy, added to the factor's panels pair by pair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.compile import kernel
+from softsim_core.dynamics.numba_backend.layout import Nodes, Pairs, Work
+from softsim_core.fem.assembly import cell_forces, cell_stiffness
+from softsim_core.fem.group import ElementGroup
+from softsim_core.linalg.symbolic import Plan
+from softsim_core.mechanics.state import State
+
+
+@kernel
+def scatter(scale: float, pairs: Pairs, nodes: Nodes, work: Work) -> None:
+    """Add scale times the blocks of all pairs to panels and reduced; work.jacobian has to be in place."""
+    panels, schur, jacobian, blocks = work.factor.panels, work.factor.schur, work.jacobian, pairs.blocks
+    for p in range(len(pairs.free)):
+        block, place, width = pairs.free[p, 0], pairs.free[p, 1], pairs.free[p, 2]
+        for i in range(3):
+            for j in range(3):
+                panels[place + i * width + j] += scale * blocks[block, i, j]
+    for p in range(len(pairs.beside)):
+        block, place, width = pairs.beside[p, 0], pairs.beside[p, 1], pairs.beside[p, 2]
+        supernode, z = pairs.beside[p, 3], pairs.beside[p, 4]
+        for q in range(nodes.size[z]):
+            at = place + nodes.reduced_column[supernode, nodes.reduced[z, q]]
+            for i in range(3):
+                total = 0.0
+                for j in range(3):
+                    total += blocks[block, i, j] * jacobian[z, q, j]
+                panels[at + i * width] += scale * total
+    for p in range(len(pairs.regions)):
+        block, a, b = pairs.regions[p, 0], pairs.regions[p, 1], pairs.regions[p, 2]
+        for q in range(nodes.size[b]):
+            k = nodes.reduced[b, q]
+            for r in range(nodes.size[a]):
+                m = nodes.reduced[a, r]
+                if m <= k:
+                    for i in range(3):
+                        for j in range(3):
+                            schur[m, k] += scale * jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
+
+
+class PlainCells:
+    """The cells of groups without a compiled kernel.
+
+    Args:
+        groups: Their groups, without cells that are rigid as a whole.
+        nodes: Places of the nodes in the step's arrays.
+        local: Number of each free node among the free ones, shape (n,).
+        layout: The plan of the factor.
+    """
+
+    def __init__(self, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan) -> None:
+        self._groups = tuple(group for group in groups if len(group.cells))
+        ordered = [node_pairs(group.cells) for group in self._groups]
+        both = np.concatenate([np.zeros((0, 2), np.int64), *ordered])
+        self.pairs = _placed(both, nodes, local, layout)
+
+    def __bool__(self) -> bool:
+        return bool(self._groups)
+
+    def fill(
+        self,
+        state: State,
+        materials: Sequence[Mapping[str, float]],
+        positive: bool,
+        lag: float = 0.0,
+        straining: Array | None = None,
+    ) -> Array:
+        """Set the blocks at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
+
+        Args:
+            state: Positions.
+            materials: Parameters of each body's law by name.
+            positive: See fem.assembly.cell_stiffness.
+            lag: In [s].
+            straining: The velocities v in [m/s], shape (n, 3); None: there are none.
+        """
+        forces, first = np.zeros_like(state.positions), 0
+        for group in self._groups:
+            p = group.values(materials)
+            blocks = cell_stiffness(group, state.positions, p, positive)
+            on_nodes = cell_forces(group, state.positions, p)
+            if straining is not None:
+                on_nodes -= lag * np.einsum("mabij,mbj->mai", blocks, straining[group.cells])
+            np.add.at(forces, group.cells, on_nodes)
+            count = blocks.size // 9
+            self.pairs.blocks[first : first + count] = blocks.reshape(-1, 3, 3)
+            first += count
+        return forces
+
+
+def node_pairs(cells: IndexArray) -> IndexArray:
+    """All ordered pairs of nodes of each cell (m, a), cell by cell, shape (m a a, 2)."""
+    count = cells.shape[1]
+    first, second = np.repeat(cells, count, axis=1), np.tile(cells, (1, count))
+    return np.stack([first.ravel(), second.ravel()], axis=1)
+
+
+def _placed(both: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan) -> Pairs:
+    """Where the block of each ordered pair of nodes (p, 2) goes; those of held nodes go nowhere."""
+    free, region = local[both], nodes.region_number[both]
+    place = np.append(layout.position, -1)[free]  # -1 where a node is not free
+    upper = np.flatnonzero((free >= 0).all(axis=1) & (place[:, 0] <= place[:, 1]))
+    in_free = np.empty((len(upper), 3), dtype=np.int64)
+    for row, (block, node, column) in enumerate(zip(upper, free[upper, 0], place[upper, 1], strict=True)):
+        s = layout.supernode[node]
+        in_free[row] = block, layout.row_offset[node] + layout.column_of[s][3 * int(column)], layout.width[s]
+    mixed = np.flatnonzero((free[:, 0] >= 0) & (region[:, 1] >= 0))
+    node = free[mixed, 0]
+    supernode = layout.supernode[node]
+    beside = (mixed, layout.row_offset[node], layout.width[supernode], supernode, region[mixed, 1])
+    inside = np.flatnonzero((region >= 0).all(axis=1))
+    return Pairs(
+        blocks=np.zeros((len(both), 3, 3)),
+        free=in_free,
+        beside=np.stack(beside, axis=1).astype(np.int64).reshape(-1, 5),
+        regions=np.column_stack([inside, region[inside]]).astype(np.int64).reshape(-1, 3),
+    )

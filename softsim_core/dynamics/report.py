@@ -1,0 +1,79 @@
+"""What a step tells besides the new state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactReport:
+    """What touched in the last step, and what else came closer than the contact margin, with forces of zero.
+
+    Attributes:
+        points: Middle of each contact in [m], shape (k, 3).
+        forces: Force on the first surface of each pair in [N], world axes, shape (k, 3).
+        normals: Unit vectors from the second surface of each pair to the first, shape (k, 3).
+        gaps: Gap between the true shapes at the end of the step, beyond the contact distance, in [m], shape
+            (k,): between a vertex (or sphere) and the nearest place of the other surface, or between two
+            edges; where surfaces overlap, minus the depth. The smallest is the smallest gap of all surfaces
+            that may meet.
+        pairs: Numbers of the two surfaces, as in `Simulation.collision_surfaces`, shape (k, 2).
+        bodies: Numbers of their bodies, as in `body_names`, shape (k, 2).
+        body_names: Names of all bodies of the scene.
+        residual: How far the forces are from the contact law, in [m].
+        sweeps: Sweeps of the contact solver.
+        passes: How often the contacts were linearised and solved.
+    """
+
+    points: Array
+    forces: Array
+    normals: Array
+    gaps: Array
+    pairs: IndexArray
+    bodies: IndexArray
+    body_names: tuple[str, ...]
+    residual: float
+    sweeps: int
+    passes: int
+
+
+_NO_VECTORS, _NO_PAIRS = np.zeros((0, 3)), np.zeros((0, 2), np.int64)
+NOTHING = ContactReport(
+    _NO_VECTORS, _NO_VECTORS, _NO_VECTORS, np.zeros(0), _NO_PAIRS, _NO_PAIRS, (), 0.0, 0, 0
+)
+
+
+def nothing() -> ContactReport:
+    """The report where nothing touched."""
+    return NOTHING
+
+
+@dataclass(frozen=True, eq=False)
+class StepReport:
+    """What a step tells.
+
+    Attributes:
+        top_speed: Largest component in [m/s] of the new velocities of free nodes, frames, slides and rigid
+            bodies, of these also the spin times the radius of gyration; NaN if any velocity is one.
+        times: Time of each stage in [ms]; see dynamics.stages.
+        inverted: Number of elements that are inside out or flat at the end of the step (det F <= 0).
+        positive: Whether the factorisation found the matrix of the step positive definite.
+        measure: Measures what touched, where everything was at the end of the step.
+    """
+
+    top_speed: float = 0.0
+    times: Mapping[str, float] = field(default_factory=dict)
+    inverted: int = 0
+    positive: bool = True
+    measure: Callable[[], ContactReport] = nothing
+
+    @cached_property
+    def contacts(self) -> ContactReport:
+        """What touched; measured when it is first asked for."""
+        return self.measure()

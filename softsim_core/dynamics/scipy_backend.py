@@ -1,0 +1,305 @@
+"""The time step in plain NumPy, with any linear solver: the reference for the compiled one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import (
+    Unknowns,
+    jacobian,
+    node_stiffness,
+    static_forces,
+    static_tangent,
+)
+from softsim_core.dynamics.free_turning import FreeTurning
+from softsim_core.dynamics.report import StepReport
+from softsim_core.dynamics.stepper import Condensed
+from softsim_core.fem.assembly import inverted_cells, von_mises_stress
+from softsim_core.linalg.bounded import solve_bounded
+from softsim_core.linalg.linear_solver import Factoriser, Factors, LinearSolver
+from softsim_core.linalg.solvers import linear_solver
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.rows import Rows, joined, no_rows, sparse_rows
+from softsim_core.mechanics.state import State
+
+
+class ScipyStepper:
+    """Assemble, project on the generalised coordinates, factor with any linear solver, solve.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        solver: The linear solver; None: the default.
+    """
+
+    name = "scipy"
+    compiled = False
+
+    def __init__(self, model: Model, actuators: Actuators, solver: LinearSolver | None = None) -> None:
+        self.model, self.actuators = model, actuators
+        self._unknowns = at = Unknowns(model)
+        self._turning = FreeTurning(model)
+        solver = solver or linear_solver()
+        self._matrices = Factoriser(solver, int((at.solved >= at.first_reduced).sum()))
+        self._tangents = Factoriser(solver)
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        return self._advance(state, control, parameters).report
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> ScipyFreeMotion:
+        """See Stepper."""
+        before = self.model.empty_state()
+        before.copy_from(state)
+        return ScipyFreeMotion(self.model, self._unknowns, self._advance(state, control, parameters), before)
+
+    def _advance(self, state: State, control: Control, parameters: Parameters) -> _Solved:
+        started = perf_counter()
+        control.check(len(self.model.joints), len(self.model.rest))
+        matrix, rhs, mapping = self.system(state, control, parameters)
+        assembled = perf_counter()
+        model, h, at = self.model, self.model.dt, self._unknowns
+        change, targets = np.zeros(at.size), control.targets
+        wanted = (targets - state.joint_positions)[at.prescribed] / h
+        change[at.fixed] = wanted - state.reduced_velocities[at.fixed - at.first_reduced]
+        change[at.joints[self.actuators.joint]] = 0.0  # moves no frame
+        factors = None
+        if len(at.solved):
+            rows = matrix[at.solved]
+            known_part = rows[:, at.fixed] @ change[at.fixed]
+            factors = self._matrices.factor(rows[:, at.solved])
+            change[at.solved] = factors.solve(rhs[at.solved] - known_part)
+        solved = _Solved(state, matrix, factors, mapping, self.actuators)
+        pulled = self._hold_actuators(solved, change, targets)
+        ended = perf_counter()
+
+        state.velocities[at.free] += change[: at.first_reduced].reshape(-1, 3)
+        state.positions[at.free] += h * state.velocities[at.free]
+        model.advance_reduced(state, state.reduced_velocities + change[at.first_reduced :])
+        state.joint_positions[at.prescribed] = targets[at.prescribed]  # exactly, without rounding
+        state.base_shift[0] = control.base_shift
+        model.place_regions(state)
+        reaction = (matrix[at.fixed] @ change - rhs[at.fixed]) / h - pulled[at.fixed]
+        state.joint_efforts[at.prescribed] = reaction
+        spring = at.drive * (targets - state.joint_positions)
+        state.joint_efforts[at.compliant] = spring[at.compliant]
+        self.actuators.report(model, state, solved.values, solved.multipliers)
+        times = {
+            "assemble": 1e3 * (assembled - started),
+            "solve": 1e3 * (ended - assembled),
+            "update": 1e3 * (perf_counter() - ended),
+        }
+        found_positive = factors is None or factors.positive
+        solved.report = StepReport(
+            _top_speed(self.model, state), times, inverted_elements(model, state), found_positive
+        )
+        return solved
+
+    def _hold_actuators(self, solved: _Solved, change: Array, targets: Array) -> Array:
+        """Find the multipliers t, add what they do to the change of velocity (d,); returns H^T t (d,)."""
+        actuators, model, h, at, state = (
+            self.actuators,
+            self.model,
+            self.model.dt,
+            self._unknowns,
+            solved.state,
+        )
+        if not len(actuators):
+            return np.zeros(at.size)
+        solved.values, solved.rows = actuators.values(model, state), actuators.rows(model, state)
+        spread = solved.spread(model, at, solved.rows)
+        after = change.copy()
+        after[: at.first_reduced] += state.velocities[at.free].ravel()
+        after[at.first_reduced :] += state.reduced_velocities
+        compliance = h * h * solved.compliance(at, spread) + np.diag(actuators.compliance)
+        violations = solved.values - targets[actuators.joint] + h * (spread.T @ after)
+        solved.multipliers = solve_bounded(compliance, violations, *actuators.bounds(targets))
+        solved.violations = violations + compliance @ solved.multipliers
+        pulled = np.asarray(spread @ solved.multipliers)
+        change += solved.answer(at, h * pulled)
+        return pulled
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        return von_mises_stress(self.model.groups, state.positions, parameters.materials)
+
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> ScipyStaticTangent:
+        """See Stepper."""
+        return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
+
+    def system(
+        self, state: State, control: Control, parameters: Parameters
+    ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
+        """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
+
+        Returns:
+            A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
+            node velocities from the velocities of all unknowns, sparse, shape (3 n, d).
+        """
+        model, h, at = self.model, self.model.dt, self._unknowns
+        lag = h + parameters.rayleigh_stiffness
+        stiffness = node_stiffness(model, state, parameters, positive=True)
+        force = static_forces(model, state, parameters, control.forces)
+        force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
+        straining = self._turning.straining(state.positions, state.velocities)
+        force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)
+        inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass
+        full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))
+
+        mapping = jacobian(model, at, state)
+        rhs = h * (mapping.T @ force.ravel())
+        velocity = state.reduced_velocities[at.joints - at.first_reduced]
+        rhs[at.joints] += h * at.drive * (control.targets - state.joint_positions - lag * velocity)
+        diagonal = np.zeros(at.size)
+        diagonal[at.joints] = [joint.inertia for joint in model.joints] + h * lag * at.drive
+        return (mapping.T @ full @ mapping + sp.diags(diagonal)).tocsc(), rhs, mapping
+
+
+class _Solved:
+    """A step that was solved: its matrix, and what the actuators found."""
+
+    def __init__(
+        self,
+        state: State,
+        matrix: sp.csc_matrix,
+        factors: Factors | None,
+        mapping: sp.csr_matrix,
+        actuators: Actuators,
+    ) -> None:
+        self.state, self.matrix, self.actuators = state, matrix, actuators
+        self._factors, self._mapping = factors, mapping
+        self.violations, self.multipliers, self.values = np.zeros((3, len(actuators)))
+        self.rows = no_rows()
+        self.report = StepReport()
+
+    def spread(self, model: Model, at: Unknowns, rows: Rows) -> Array:
+        """H^T on all unknowns, shape (d, r)."""
+        on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
+        spread = (on_nodes @ self._mapping).toarray().T
+        spread[at.first_reduced :] += on_reduced.toarray().T
+        return np.asarray(spread)
+
+    def compliance(self, at: Unknowns, spread: Array) -> Array:
+        """H A^-1 H^T, prescribed joints held, of rows H^T (d, r)."""
+        if self._factors is None or not spread.shape[1]:
+            return np.zeros((spread.shape[1],) * 2)
+        return self._factors.schur(spread[at.solved].T)
+
+    def answer(self, at: Unknowns, impulse: Array) -> Array:
+        """What an impulse on the unknowns (d,) changes of their velocities, prescribed joints held, (d,)."""
+        change = np.zeros(at.size)
+        if self._factors is not None:
+            change[at.solved] = self._factors.solve(impulse[at.solved])
+        return change
+
+
+class ScipyFreeMotion:
+    """See FreeMotion."""
+
+    def __init__(self, model: Model, at: Unknowns, solved: _Solved, before: State) -> None:
+        self.state, self.before, self.report = solved.state, before, solved.report
+        self.violations = solved.violations
+        self._model, self._at, self._solved = model, at, solved
+        self._free = model.empty_state()
+        self._free.copy_from(solved.state)
+        self._spread = np.zeros((at.size, len(solved.actuators)))
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion."""
+        all_rows = joined([self._solved.rows, rows.checked()])
+        self._spread = self._solved.spread(self._model, self._at, all_rows)
+        return self._solved.compliance(self._at, self._spread)
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion."""
+        model, at, h, state, free = self._model, self._at, self._model.dt, self.state, self._free
+        solved, before, impulse = self._solved, self.before, self._spread @ impulses
+        change = solved.answer(at, impulse)
+        state.velocities[at.free] = free.velocities[at.free] + change[: at.first_reduced].reshape(-1, 3)
+        state.positions[at.free] = before.positions[at.free] + h * state.velocities[at.free]
+        state.frame_positions[:] = before.frame_positions
+        state.frame_rotations[:] = before.frame_rotations
+        state.joint_positions[:] = before.joint_positions
+        model.advance_reduced(state, free.reduced_velocities + change[at.first_reduced :])
+        state.joint_positions[at.prescribed] = free.joint_positions[at.prescribed]
+        reaction = solved.matrix[at.fixed] @ change - impulse[at.fixed]
+        state.joint_efforts[:] = free.joint_efforts
+        state.joint_efforts[at.prescribed] += reaction / h
+        moved = state.joint_positions - free.joint_positions
+        state.joint_efforts[at.compliant] -= (at.drive * moved)[at.compliant]
+        model.place_regions(state)
+        multipliers = solved.multipliers + impulses[: len(solved.actuators)] / h
+        solved.actuators.report(model, state, solved.values, multipliers)
+        return replace(
+            self.report, top_speed=_top_speed(model, state), inverted=inverted_elements(model, state)
+        )
+
+
+class ScipyStaticTangent:
+    """See StaticTangent.
+
+    Args:
+        model, at: What moves, and its unknowns.
+        state, parameters, forces: See Stepper.static_tangent.
+        matrices: What factors the free nodes' part.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        at: Unknowns,
+        state: State,
+        parameters: Parameters,
+        forces: Array,
+        matrices: Factoriser,
+    ) -> None:
+        self._model, self._at = model, at
+        self._mapping = jacobian(model, at, state)
+        loads = static_forces(model, state, parameters, forces)
+        stiffness = node_stiffness(model, state, parameters)
+        tangent = static_tangent(model, at, state, loads, stiffness).tocsc()
+        free, reduced = slice(0, at.first_reduced), slice(at.first_reduced, at.size)
+        self._stiffness = tangent[reduced, reduced].toarray()
+        self._follow = np.zeros((at.first_reduced, model.reduced_size))
+        self._factors: Factors | None = None
+        if at.first_reduced:
+            self._factors = matrices.factor(tangent[free, free])
+            coupling = tangent[free, reduced].toarray()
+            self._follow = self._factors.solve(coupling)
+            self._stiffness = self._stiffness - tangent[reduced, free] @ self._follow
+        self.positive = self._factors is None or self._factors.positive
+
+    def condensed(self, rows: Rows) -> Condensed:
+        """See StaticTangent."""
+        at, model = self._at, self._model
+        on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
+        spread = (on_nodes @ self._mapping).toarray().T
+        on_free = spread[: at.first_reduced]
+        arriving = spread[at.first_reduced :] + on_reduced.toarray().T - self._follow.T @ on_free
+        compliance = np.zeros((rows.height, rows.height))
+        if self._factors is not None and rows.height:
+            compliance = self._factors.schur(on_free.T)
+        return Condensed(0.5 * (self._stiffness + self._stiffness.T), arriving, compliance)
+
+
+def _top_speed(model: Model, state: State) -> float:
+    """Largest component of all linear velocities in [m/s]; NaN if any velocity is one."""
+    if not np.isfinite(state.reduced_velocities).all():
+        return math.nan
+    slides = [True, True, True, False, False, False] * len(model.frame_names)
+    slides += [not joint.revolute for joint in model.joints]
+    speeds = np.concatenate([state.velocities[model.free_nodes].ravel(), state.reduced_velocities[slides]])
+    return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
+
+
+def inverted_elements(model: Model, state: State) -> int:
+    """Number of cells with det F <= 0 somewhere; those of a state that is not finite are none."""
+    with np.errstate(invalid="ignore"):
+        return sum(int(inverted_cells(group, state.positions).sum()) for group in model.groups)

@@ -1,0 +1,134 @@
+r"""What a material law is: energy, first Piola stress and tangent at deformation gradients.
+
+With the energy density :math:`\Psi(F)` in [J/m^3] of the rest volume,
+
+.. math:: P = \partial \Psi / \partial F, \qquad C_{ijkl} = \partial P_{ij} / \partial F_{kl} .
+
+All methods take deformation gradients F, shape (..., 3, 3), and parameter values p, shape (..., k), in the
+order of `parameters`; the shapes in front broadcast.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.errors import FactorisationError, MaterialError, listing
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialParameter:
+    """A parameter of a law.
+
+    Attributes:
+        name: By which scenes name it.
+        unit: "Pa", "s"; "-" for a number without one.
+        description: One phrase.
+        lower, upper: It lies between them, both excluded.
+    """
+
+    name: str
+    unit: str
+    description: str
+    lower: float = -inf
+    upper: float = inf
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, for messages."""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        if self.upper == inf:
+            return "finite" if self.lower == -inf else f"> {self.lower:g}{unit}"
+        if self.lower == -inf:
+            return f"< {self.upper:g}{unit}"
+        return f"between {self.lower:g} and {self.upper:g}{unit} (both excluded)"
+
+
+class Material(ABC):
+    """A material law; a new one implements `stress` and `tangent`, and `energy` where it has a potential.
+
+    Attributes:
+        name: By which scenes name it.
+        parameters: Its parameters, in the order of the values p.
+        has_potential: Whether P is the derivative of `energy`; then the tangent is symmetric.
+        in_cell_axes: Whether F is to be taken from axes of each cell (its first edge, the plane of its first
+            three nodes) instead of the scene's; F at rest is then that frame, not the identity.
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[MaterialParameter, ...]]
+    has_potential: ClassVar[bool] = True
+    in_cell_axes: ClassVar[bool] = False
+
+    @abstractmethod
+    def energy(self, deformation: Array, p: Array) -> Array:
+        """Energy density in [J/m^3], shape (...)."""
+
+    @abstractmethod
+    def stress(self, deformation: Array, p: Array) -> Array:
+        """First Piola stress in [Pa], shape (..., 3, 3)."""
+
+    @abstractmethod
+    def tangent(self, deformation: Array, p: Array) -> Array:
+        """dP_ij / dF_kl in [Pa], exact, shape (..., 3, 3, 3, 3)."""
+
+    def positive_tangent(self, deformation: Array, p: Array) -> Array:
+        """The tangent that a time step solves with: symmetric, without negative eigenvalues; as `tangent`.
+
+        This one sets the negative eigenvalues of the symmetric part to zero. A law may know a quicker way.
+        Source: Teran et al. 2005, Robust quasistatic finite elements and flesh simulation.
+
+        Raises:
+            FactorisationError: a deformation is not finite.
+        """
+        exact = self.tangent(deformation, p)
+        matrix = exact.reshape(*exact.shape[:-4], 9, 9)
+        if not np.isfinite(matrix).all():
+            raise FactorisationError("the deformation of an element is not finite")
+        values, vectors = np.linalg.eigh(0.5 * (matrix + np.swapaxes(matrix, -1, -2)))
+        clamped = (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+        return np.asarray(clamped.reshape(exact.shape))
+
+    def distant_tangent(self, deformation: Array, p: Array) -> Array:
+        """A positive tangent for statics far from an equilibrium, such as a crumpled start; as `tangent`."""
+        return self.positive_tangent(deformation, p)
+
+    def cauchy_stress(self, deformation: Array, p: Array) -> Array:
+        """Stress in world axes in [Pa], symmetric, for the von Mises stress: P F^T / det F, (..., 3, 3)."""
+        turned = self.stress(deformation, p) @ np.swapaxes(deformation, -1, -2)
+        return np.asarray(turned / np.linalg.det(deformation)[..., None, None])
+
+    def values(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Checked values of all parameters, in order.
+
+        Raises:
+            MaterialError: a parameter is unknown, missing or outside its interval.
+        """
+        for name in given:
+            if name not in self.names:
+                known = f"is unknown to the law {self.name}; known: {listing(self.names)}"
+                raise MaterialError(name, given[name], known)
+        for parameter in self.parameters:
+            if parameter.name not in given:
+                raise MaterialError(parameter.name, "nothing", f"is missing; it must be {parameter.allowed}")
+            value = given[parameter.name]
+            if not (parameter.lower < value < parameter.upper):  # also rejects NaN
+                raise MaterialError(parameter.name, value, f"must be {parameter.allowed}")
+        return {name: float(given[name]) for name in self.names}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+
+def von_mises(stress: Array) -> Array:
+    """Von Mises stress in [Pa], shape (...), of stress tensors (..., 3, 3)."""
+    deviator = stress - np.trace(stress, axis1=-2, axis2=-1)[..., None, None] / 3.0 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("...ij,...ij->...", deviator, deviator)))

@@ -1,0 +1,32 @@
+"""The known material laws."""
+
+from __future__ import annotations
+
+from softsim_core.fem.materials.corotational import Corotational
+from softsim_core.fem.materials.corotational_qr import CorotationalQr
+from softsim_core.fem.materials.material import Material
+from softsim_core.fem.materials.stable_neo_hookean import StableNeoHookean
+from softsim_core.registry import Registry
+
+_MATERIALS: Registry[Material] = Registry(
+    "material law", Corotational(), CorotationalQr(), StableNeoHookean()
+)
+
+
+def register_material(law: Material) -> None:
+    """Make a law known to scenes by its name.
+
+    Raises:
+        SceneError: the name is one of the package's own.
+    """
+    _MATERIALS.register(law)
+
+
+def material(name: str) -> Material:
+    """The law of that name; SceneError names the known ones if there is none."""
+    return _MATERIALS.get(name)
+
+
+def material_names() -> tuple[str, ...]:
+    """Names of all known laws."""
+    return _MATERIALS.names()

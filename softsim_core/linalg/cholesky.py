@@ -1,0 +1,211 @@
+"""Compiled supernodal multifrontal Cholesky factorisation, forward and backward solves.
+
+The layout is that of symbolic.Plan: a panel row holds [own columns | later unknowns | border | right-hand
+side].
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.linalg.compile import kernel
+from softsim_core.linalg.layout import Factor, Tree
+from softsim_core.linalg.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
+
+
+@kernel
+def subtract_products(
+    target: Array,
+    place: int,
+    stride: int,
+    row: int,
+    source: Array,
+    first: int,
+    pitch: int,
+    count: int,
+    length: int,
+) -> None:
+    """Rows row .. row + ROWS of target -= source^T source over `count` rows, from the diagonal on."""
+    j = row - row % LANES
+    start = place + row * stride
+    while j + 2 * LANES <= length:
+        tile_two(target, start + j, stride, source, first + row, first + j, pitch, count)
+        j += 2 * LANES
+    if j < length:
+        tile_one(target, start + j, stride, source, first + row, first + j, pitch, count)
+
+
+@kernel
+def factor_rows(panels: Array, begin: int, width: int, row: int, coefficients: Array) -> None:
+    """Factor ROWS panel rows from `row` on, already updated by the rows above them."""
+    start = begin + row * width
+    for i in range(ROWS):
+        for j in range(i + 1):
+            total = panels[start + j * width + row + i]
+            for q in range(j):
+                total -= coefficients[ROWS * i + q] * coefficients[ROWS * j + q]
+            if i == j:
+                coefficients[ROWS * i + i] = 1.0 / sqrt(total)
+            else:
+                coefficients[ROWS * i + j] = total * coefficients[ROWS * j + j]
+    skip = row - row % LANES
+    solve_rows(panels, start + skip, width, coefficients, width - skip)
+
+
+@kernel
+def add_update(
+    tree: Tree, child: int, stack: Array, own: int, later: int, width: int, panels: Array, panel: int, goal:
+        Array,
+    top: int, pitch: int,
+) -> None:  # fmt: skip
+    """Add a child's update (an upper triangle in the stack) to its parent's panel and update.
+
+    The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update
+    from `top`, in rows of length `pitch`.
+    """
+    side, length = tree.side[child], tree.width[child] - tree.later[child]
+    begin = tree.update[child]
+    first, end = tree.first_run[child], tree.first_run[child + 1]
+    for r in range(first, end):
+        for i in range(tree.runs[r, 2]):
+            row, target = tree.runs[r, 0] + i, tree.runs[r, 1] + i
+            if row == side - 1:
+                return  # the right-hand side has no row
+            base = begin + row * length
+            in_panel = target < own
+            line = panel + target * width if in_panel else top + (target - later) * pitch - later
+            for q in range(r, end):
+                start, where, count = tree.runs[q, 0], tree.runs[q, 1], tree.runs[q, 2]
+                if q == r:
+                    start, where, count = row, target, count - i
+                if in_panel:
+                    add_to(panels, line + where, stack, base + start, count)
+                else:
+                    add_to(goal, line + where, stack, base + start, count)
+
+
+@kernel
+def factor(tree: Tree, store: Factor) -> None:
+    """Factor all panels and solve forward; those of the dense unknowns end in store.schur."""
+    panels, stack = store.panels, store.stack
+    size = len(tree.columns)
+    coefficients = np.zeros(ROWS * ROWS)
+    for s in range(size):
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        pitch, top, side = width - later, tree.update[s], tree.side[s]
+        for i in range(pitch * (side + (-side) % ROWS)):
+            stack[top + i] = 0.0
+        for c in range(tree.first_child[s], tree.first_child[s + 1]):
+            add_update(tree, tree.children[c], stack, own, later, width, panels, begin, stack, top, pitch)
+        rows = own + (-own) % ROWS
+        for i in range(own, rows):  # padding rows are those of the identity
+            panels[begin + i * width + i] = 1.0
+        for i in range(0, rows, ROWS):
+            subtract_products(panels, begin, width, i, panels, begin, width, i, width)
+            factor_rows(panels, begin, width, i, coefficients)
+        for i in range(0, side - 1, ROWS):
+            subtract_products(stack, top, pitch, i, panels, begin + later, width, rows, pitch)
+    border, pitch = store.schur.reshape(-1), store.schur.shape[1]
+    for c in range(tree.first_child[size], tree.first_child[size + 1]):
+        add_update(tree, tree.children[c], stack, 0, 0, 0, panels, 0, border, 0, pitch)
+
+
+@kernel
+def solve_backward(tree: Tree, store: Factor) -> None:
+    """Fill store.solution of the free unknowns; its tail already holds the border's."""
+    panels, solution, gathered = store.panels, store.solution, store.gathered
+    for s in range(len(tree.columns) - 1, -1, -1):
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        coupled, first, goal = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
+        for j in range(coupled):
+            gathered[j] = solution[tree.row_index[first + j]]
+        for k in range(own):
+            row = begin + k * width + later
+            solution[goal + k] = panels[row + coupled] - dot_product(panels, row, gathered, 0, coupled)
+        for k in range(own - 1, -1, -1):
+            row = begin + k * width
+            total = solution[goal + k]
+            for j in range(k + 1, own):
+                total -= panels[row + j] * solution[goal + j]
+            solution[goal + k] = total / panels[row + k]
+
+
+@kernel
+def subtract_tiles(
+    target: Array, place: int, stride: int, source: Array, a: int, b: int, pitch: int, count: int, length: int
+) -> None:
+    """ROWS rows of `length` numbers: target[i, j] -= sum over `count` rows of source[a + i] source[b + j]."""
+    j = 0
+    while j + 2 * LANES <= length:
+        tile_two(target, place + j, stride, source, a, b + j, pitch, count)
+        j += 2 * LANES
+    if j < length:
+        tile_one(target, place + j, stride, source, a, b + j, pitch, count)
+
+
+@kernel
+def forward_rows(
+    tree: Tree, store: Factor, spans: IndexArray, spread: Array, space: Array, product: Array
+) -> None:
+    """Y = L^-1 H^T in place, the rows of the border H_b^T - A_bi A^-1 H^T; -Y^T Y, upper triangle.
+
+    A supernode's panel rows and its rows of Y are put side by side in `space`, where tiles find both.
+    """
+    panels, rows, pitch = store.panels, spread.reshape(-1), spread.shape[1]
+    goal = product.reshape(-1)
+    product[:] = 0.0
+    coefficients = np.zeros(ROWS * ROWS)
+    for s in range(len(tree.columns)):
+        low, high = spans[s, 0], spans[s, 1]
+        if low >= high:
+            continue
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        coupled, first, place = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
+        count, length = own + (-own) % ROWS, high - low
+        line = width + length
+        for k in range(count):
+            for i in range(width):
+                space[k * line + i] = panels[begin + k * width + i]
+            for i in range(length):
+                space[k * line + width + i] = rows[(place + k) * pitch + low + i] if k < own else 0.0
+        for i in range(0, count, ROWS):
+            subtract_tiles(space, i * line + width, line, space, i, width, line, i, length)
+            for a in range(ROWS):
+                for b in range(a):
+                    coefficients[ROWS * a + b] = space[(i + b) * line + i + a]
+                coefficients[ROWS * a + a] = 1.0 / space[(i + a) * line + i + a]
+            solve_rows(space, i * line + width, line, coefficients, length)
+        for k in range(own):
+            for i in range(length):
+                rows[(place + k) * pitch + low + i] = space[k * line + width + i]
+        scratch = count * line
+        for j in range(0, coupled, ROWS):
+            for i in range(ROWS * length):
+                space[scratch + i] = 0.0
+            subtract_tiles(space, scratch, length, space, later + j, width, line, count, length)
+            for i in range(min(ROWS, coupled - j)):
+                to = tree.row_index[first + j + i] * pitch + low
+                add_to(rows, to, space, scratch + i * length, length)
+        for i in range(0, length, ROWS):
+            subtract_products(goal, low * pitch + low, pitch, i, space, width, line, count, length)
+
+
+@kernel
+def solve_columns(tree: Tree, store: Factor, spread: Array, count: int) -> None:
+    """L^-T of the first `count` columns of `spread` (unknowns, padded) in place; dense ones are solved."""
+    first = 0
+    for s in range(len(tree.columns)):
+        first += tree.columns[s]
+    for c in range(count):
+        for s in range(len(tree.columns)):
+            right = tree.panel[s] + tree.later[s] + tree.side[s] - 1
+            for k in range(tree.columns[s]):
+                store.panels[right + k * tree.width[s]] = spread[tree.first_column[s] + k, c]
+        for b in range(first, len(spread)):
+            store.solution[b] = spread[b, c]
+        solve_backward(tree, store)
+        for k in range(first):
+            spread[k, c] = store.solution[k]

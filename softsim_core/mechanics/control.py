@@ -1,0 +1,64 @@
+"""What acts on a model while it runs: what is commanded in one step, and what a user tunes between steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from softsim_core.arrays import Array, float_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Control:
+    """What acts during one step.
+
+    Attributes:
+        targets: Where each joint is commanded to be at the end of the step, in [rad] or [m], shape (j,).
+        forces: External forces on the nodes in [N], shape (n, 3).
+        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven:
+            their velocity stays zero, and the body feels the move from the next step on.
+        rigid_forces: Force in [N] at the centre of mass of each rigid body with mass and moment in [N m]
+            about it, world axes, shape (r, 6); None: none.
+
+    Raises:
+        ArrayError: an array of another number of axes or columns, or not of real numbers. Others are taken as
+            float64, row by row, as compiled kernels expect them.
+    """
+
+    targets: Array
+    forces: Array
+    base_shift: float = 0.0
+    rigid_forces: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "targets", float_array(self.targets, (-1,), "targets"))
+        object.__setattr__(self, "forces", float_array(self.forces, (-1, 3), "forces"))
+        object.__setattr__(self, "base_shift", float(self.base_shift))
+        if self.rigid_forces is not None:
+            loads = float_array(self.rigid_forces, (-1, 6), "rigid_forces")
+            object.__setattr__(self, "rigid_forces", loads)
+
+    def check(self, joints: int, nodes: int) -> None:
+        """Refuse what does not belong to a model of so many joints and nodes.
+
+        Raises:
+            ArrayError: targets or forces of another length.
+        """
+        if len(self.targets) != joints:
+            float_array(self.targets, (joints,), "targets")
+        if len(self.forces) != nodes:
+            float_array(self.forces, (nodes, 3), "forces")
+
+
+@dataclass(slots=True, eq=False)
+class Parameters:
+    """What a user may tune while the simulation runs.
+
+    Attributes:
+        materials: Parameters of each body's material law by name.
+        rayleigh_stiffness: Damping per stiffness in [s].
+        rayleigh_mass: Damping per mass in [1/s].
+    """
+
+    materials: list[dict[str, float]]
+    rayleigh_stiffness: float
+    rayleigh_mass: float

@@ -1,0 +1,1 @@
+"""Robots by parameters, and the generators of their meshes; nothing below knows a robot."""

@@ -1,0 +1,135 @@
+"""The cable gripper's finger, made from its profile: a spine with three blocks and two V notches.
+
+The profile is cut into columns across the spine, which are stitched to triangles and swept across the
+finger's width. In the finger's own frame the width runs along x, the finger along -y from its base at y = 0,
+and its inner, notched side looks to +z.
+
+`python -m softsim_core.robots.finger_mesh --out configs/meshes` writes the files that the gripper's config
+names.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MeshError
+from softsim_core.mesh.generators import extrude
+from softsim_core.mesh.planar import flip_to_delaunay, smooth, stitch
+from softsim_core.mesh.types import TetMesh
+from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.units import MILLIMETRE
+
+WIDTH = 15.0 * MILLIMETRE
+"""Width in [m]; the finger lies from x = 0 to x = WIDTH."""
+SPINE = 5.0 * MILLIMETRE
+"""Thickness in [m] of the spine, and of the tongue at the base."""
+HEIGHT = 15.0 * MILLIMETRE
+"""Height in [m] of the blocks."""
+TONGUE = 10.0 * MILLIMETRE
+"""Length in [m] of the tongue before the first block."""
+PLATEAU = 15.0 * MILLIMETRE
+"""Length in [m] of a block's flat top."""
+SLANT = (HEIGHT - SPINE) * math.tan(math.radians(37.5))
+"""Length in [m] along the finger of a notch wall; two of them make a V of 75 degrees."""
+BLOCKS = 3
+TIP_RADIUS = HEIGHT - SPINE
+"""Radius in [m] of the round corner at the tip."""
+LENGTH = TONGUE + BLOCKS * PLATEAU + (2 * BLOCKS - 1) * SLANT + TIP_RADIUS
+"""Length in [m]: 103.366 mm."""
+WALL_KNEE = 0.4
+"""Share of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
+
+LEVELS: dict[str, int] = {"low": 1, "mid": 2}
+"""Name of a level: elements through the spine."""
+
+
+def finger(divisions: int = 1, name: str = "finger") -> TetMesh:
+    """The finger in its own frame, symmetric by reflection in the middle of its width.
+
+    Args:
+        divisions: Elements through the spine, >= 1; twice as many across the width.
+        name: Name of the mesh.
+
+    Returns:
+        Positively oriented tetrahedra in [m].
+
+    Raises:
+        MeshError: divisions is too small.
+    """
+    if divisions < 1:
+        raise MeshError(name, f"divisions = {divisions} must be >= 1")
+    plane, triangles = profile(divisions)
+    heights = WIDTH * np.arange(2 * divisions + 1) / (2 * divisions)
+    solid, tets = extrude(plane, triangles, np.arange(len(plane)), heights)
+    return TetMesh(np.ascontiguousarray(solid[:, [2, 0, 1]]), tets, name)
+
+
+def profile(divisions: int) -> tuple[Array, IndexArray]:
+    """Triangulated side view of the finger: along the finger (negative) and up.
+
+    Args:
+        divisions: Elements through the spine, >= 1.
+
+    Returns:
+        Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
+    """
+    points: list[tuple[float, float]] = []
+    columns: list[list[int]] = []
+    for along, top in _stations(divisions):
+        rows = max(1, round(divisions * top / SPINE))
+        columns.append(list(range(len(points), len(points) + rows + 1)))
+        points.extend((-along, top * row / rows) for row in range(rows + 1))
+    plane = np.array(points)
+    triangles = [
+        triangle
+        for nearer, farther in itertools.pairwise(columns)
+        for triangle in stitch(plane, farther, nearer)
+    ]
+    movable = np.zeros((len(plane), 2, 2))
+    for column in columns[1:-1]:
+        movable[column[1:-1]] = np.eye(2)
+    for _ in range(2):
+        triangles = flip_to_delaunay(plane, triangles)
+        plane = smooth(plane, np.array(triangles), movable, sweeps=3)
+    return plane, np.array(triangles, dtype=np.int64)
+
+
+def _stations(divisions: int) -> Iterator[tuple[float, float]]:
+    """Distances from the base at which there is a column of points, with the height of the profile there."""
+    steps = [step / divisions for step in range(1, divisions + 1)]
+    rise = [WALL_KNEE * step for step in steps] + [WALL_KNEE + (1.0 - WALL_KNEE) * step for step in steps]
+    block = HEIGHT - SPINE
+    yield 0.0, SPINE
+    for step in steps:
+        yield TONGUE * step, SPINE
+    start = TONGUE
+    for number in range(BLOCKS):
+        for share in rise:
+            yield start + SLANT * share, SPINE + block * share
+        start += SLANT
+        for step in range(1, 2 * divisions + 1):
+            yield start + PLATEAU * step / (2 * divisions), HEIGHT
+        start += PLATEAU
+        if number < BLOCKS - 1:
+            for share in [*reversed(rise[:-1]), 0.0]:
+                yield start + SLANT * (1.0 - share), SPINE + block * share
+            start += SLANT
+    for share in (*steps, 2.0):  # one chord at the steep end keeps the elements there in shape
+        angle = 0.25 * math.pi * share
+        yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line: write the finger's meshes into a folder; returns the exit code."""
+    meshes = (finger(divisions, f"finger_{level}") for level, divisions in LEVELS.items())
+    description = "Write the finger's meshes into a folder."
+    return write_mesh_files("softsim_core.robots.finger_mesh", description, meshes, arguments)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

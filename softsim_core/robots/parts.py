@@ -1,0 +1,323 @@
+"""Ready-made parts: functions with parameters that return what `Scene.add` takes, as often as wanted.
+
+scene.add(servo("pan", limits=JointLimits(-1.0, 1.0, 3.5)))
+scene.add(tripod(servos=4, silicone=my_cross))
+"""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.description import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MassDistribution,
+)
+from softsim_core.scene.files import config_file
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.robot import Controller
+from softsim_core.scene.running import RunningSimulation
+from softsim_core.scene.scene import Part, animated
+from softsim_core.values import Box, MeshFile, Placement, Sphere, Vector
+
+MeshLevel: TypeAlias = Literal["low", "mid", "high"]
+
+TRIPOD_LIMITS = JointLimits(lower=-2.0225, upper=-0.0255, speed=3.5, acceleration=35.0)
+"""Range in [rad], top speed in [rad/s] (200 deg/s) and acceleration of the Tripod's servos as mounted."""
+
+_TIP_SIZE: Vector = (0.030, 0.045, 0.015)
+_NOWHERE = Placement()
+_FREE = JointLimits()
+
+
+def servo(
+    name: str,
+    base: Placement = _NOWHERE,
+    limits: JointLimits = _FREE,
+    horn_length: float = 0.0,
+    stiffness: float | None = None,
+    inertia: float = 0.0,
+) -> Part:
+    """A hobby servo: one wheel that turns about the local y axis of its base.
+
+    Args:
+        name: Name of the joint.
+        base: Where the servo's body stands, its origin on the wheel's axis. At angle 0 a horn points
+            along local z, a positive angle turns it towards local x.
+        limits: Range in [rad] and top speed in [rad/s].
+        horn_length: Length in [m] of the arm on the wheel, for pictures only.
+        stiffness: None: the wheel is exactly where it is commanded; a number: a spring in [N m/rad] pulls it.
+        inertia: Generalised inertia in [kg m^2] of a wheel with stiffness.
+    """
+    joint = JointDescription(
+        name=name,
+        base=base,
+        axis=(0.0, 1.0, 0.0),
+        slide_axis=(1.0, 0.0, 0.0),
+        limits=limits,
+        horn_length=horn_length,
+        stiffness=stiffness,
+        inertia=inertia,
+    )
+    return Part(joints=(joint,))
+
+
+def actuated_arm(
+    name: str,
+    base: Placement = _NOWHERE,
+    limits: JointLimits = _FREE,
+    arm_length: float = 0.025,
+    holds: str | None = None,
+    tip: str | None = None,
+    tip_size: Vector = _TIP_SIZE,
+    stiffness: float | None = None,
+    inertia: float = 0.0,
+) -> Part:
+    """A servo with an arm, whose end may hold a piece of a deformable body rigidly.
+
+    Args:
+        name: Name of the joint.
+        base: Where the servo's body stands, as in `servo`; the arm points along local z at angle 0.
+        limits: Range in [rad] and top speed in [rad/s].
+        arm_length: From the wheel's axis to the end of the arm, in [m].
+        holds: Name of the body that the arm holds; None holds nothing.
+        tip: Name of the attachment; None: the joint's name + "_tip".
+        tip_size: Box around the end of the arm whose nodes are held, along the local axes, in [m].
+        stiffness: As in `servo`.
+        inertia: As in `servo`.
+    """
+    arm = servo(name, base, limits, arm_length, stiffness, inertia)
+    if holds is None:
+        return arm
+    box = Box(center=(0.0, 0.0, arm_length), size=tip_size)
+    attachment = AttachmentDescription(
+        name=tip or f"{name}_tip", body=holds, to=name, relative_to=name, box=box
+    )
+    return Part(joints=arm.joints, attachments=(attachment,))
+
+
+def elastic_body(
+    name: str,
+    mesh: str | PathLike[str] | MeshFile | TetMesh,
+    young_modulus: float = 250.0e3,
+    poisson_ratio: float = 0.45,
+    total_mass: float = 0.032,
+    surface: str | PathLike[str] | MeshFile | None = None,
+    placement: Placement = _NOWHERE,
+    colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.5),
+    *,
+    density: float | None = None,
+    mass_distribution: MassDistribution = "volume",
+) -> Part:
+    """A deformable body with linear elastic corotational tetrahedra.
+
+    Args:
+        name: Name of the body.
+        mesh: Tetrahedra: a file, or arrays in [m].
+        young_modulus: Young modulus in [Pa], > 0.
+        poisson_ratio: Poisson ratio in [-], in (-1, 0.5).
+        total_mass: Mass in [kg], > 0; not used with a density.
+        surface: File of a finer visual surface that follows the body; None shows the tetrahedra's boundary.
+        placement: Where the mesh and surface files sit; a MeshFile or TetMesh has its own place.
+        colour: Red, green, blue, alpha in 0..1.
+        density: Mass per volume in [kg/m^3], > 0; None takes `total_mass`.
+        mass_distribution: Each element's mass goes to its nodes ("volume"), or every node has the same
+            ("equal").
+    """
+
+    def placed(file: str | PathLike[str] | MeshFile) -> MeshFile:
+        return file if isinstance(file, MeshFile) else MeshFile(file=Path(file), placement=placement)
+
+    body = BodyDescription(
+        name=name,
+        mesh=mesh if isinstance(mesh, TetMesh) else placed(mesh),
+        material=MaterialDescription(young_modulus=young_modulus, poisson_ratio=poisson_ratio),
+        density=density,
+        total_mass=total_mass if density is None else None,
+        mass_distribution=mass_distribution,
+        surface=None if surface is None else placed(surface),
+        colour=colour,
+    )
+    return Part(bodies=(body,))
+
+
+def fixing_box(
+    name: str,
+    body: str,
+    center: Vector,
+    size: Vector,
+    rotation_deg: Vector = (0.0, 0.0, 0.0),
+    stiffness: float | None = None,
+) -> Part:
+    """A box that holds the nodes of a body inside it to the world.
+
+    Args:
+        name: Name of the attachment.
+        body: Name of the body.
+        center: Centre in [m], in world coordinates.
+        size: Full edge lengths in [m].
+        rotation_deg: Orientation: angles about the fixed x, y, z axes in [deg].
+        stiffness: None holds the nodes exactly; a number is a spring in [N/m] for each of them.
+    """
+    box = Box(center=center, size=size, rotation_deg=rotation_deg)
+    return Part(
+        attachments=(AttachmentDescription(name=name, body=body, to="world", box=box, stiffness=stiffness),)
+    )
+
+
+def tripod_silicone(
+    level: MeshLevel = "low",
+    height: float = 0.025,
+    young_modulus: float = 250.0e3,
+    poisson_ratio: float = 0.45,
+    total_mass: float = 0.032,
+) -> Part:
+    """The Tripod's silicone Y: three arms, 5 mm thick, with a hole in the middle.
+
+    Args:
+        level: Fineness of the tetrahedra: "low", "mid" or "high". The visual surface is at least "mid".
+        height: Height in [m] of its lower face.
+        young_modulus: Young modulus in [Pa], > 0.
+        poisson_ratio: Poisson ratio in [-], in (-1, 0.5).
+        total_mass: Mass in [kg], > 0.
+
+    Raises:
+        ConfigError: the mesh files are not among the configs.
+    """
+    return elastic_body(
+        "silicone",
+        config_file(f"meshes/tripod_{level}.vtk"),
+        young_modulus,
+        poisson_ratio,
+        total_mass,
+        surface=config_file(f"meshes/tripod_{'mid' if level == 'low' else level}.stl"),
+        placement=Placement(translation=(0.0, 0.0, height)),
+        mass_distribution="equal",
+    )
+
+
+def servo_place(index: int, servos: int, radius: float, angle_shift_deg: float, height: float) -> Placement:
+    """Base of one of several servos on a circle about z, its local x pointing to the centre.
+
+    Args:
+        index: 0-based number of the servo.
+        servos: How many servos share the circle.
+        radius: Radius of the circle in [m].
+        angle_shift_deg: Angle of servo 0 in the xy plane in [deg].
+        height: Height of the wheel's axis in [m].
+    """
+    turn = 360.0 * index / servos
+    angle = math.radians(turn + angle_shift_deg)
+    return Placement(
+        translation=(radius * math.cos(angle), radius * math.sin(angle), height),
+        rotation_deg=(0.0, 0.0, turn + angle_shift_deg - 180.0),
+    )
+
+
+def tripod(
+    radius: float = 0.060,
+    servos: int = 3,
+    angle_shift_deg: float = 180.0,
+    silicone: Part | BodyDescription | None = None,
+    limits: JointLimits = TRIPOD_LIMITS,
+    servo_height: float = -0.00135,
+    arm_length: float = 0.025,
+    tips: Literal["servo", "free", "none"] = "servo",
+    centre_radius: float | None = 0.0075,
+    stiffness: float | None = None,
+    inertia: float = 0.0,
+) -> Part:
+    """The Tripod: servos on a circle, each holding one end of a silicone piece; its centre is the effector.
+
+    Args:
+        radius: Radius in [m] of the circle of servos.
+        servos: Number of servos, >= 1; joints servo_0, servo_1, ...
+        angle_shift_deg: Angle of servo 0 in the xy plane in [deg]; the others follow counter-clockwise.
+        silicone: The piece they hold, one body; None: `tripod_silicone()`.
+        limits: Range in [rad] and top speed in [rad/s] of every servo.
+        servo_height: Height in [m] of the servos' wheel axes.
+        arm_length: Length in [m] of the arms.
+        tips: What the ends of the silicone move with: "servo" arms, "free" rigid frames, "none" (soft).
+        centre_radius: Nodes within this distance in [m] of the middle of the upper face, taken 5 mm above
+            the end of the arms, form a rigid frame "centre", the effector; None leaves them soft.
+        stiffness: As in `servo`.
+        inertia: As in `servo`.
+
+    Raises:
+        SceneError: no servo, or not exactly one silicone body.
+    """
+    if servos < 1:
+        raise SceneError(f"tripod: needs at least one servo, not {servos}")
+    if silicone is None:
+        silicone = tripod_silicone()
+    bodies = silicone.bodies if isinstance(silicone, Part) else (silicone,)
+    if len(bodies) != 1:
+        raise SceneError(f"tripod: silicone must be one body, not {len(bodies)}")
+    joints: list[JointDescription] = []
+    zones: list[AttachmentDescription] = []
+    for index in range(servos):
+        name = f"servo_{index}"
+        base = servo_place(index, servos, radius, angle_shift_deg, servo_height)
+        arm = actuated_arm(
+            name,
+            base,
+            limits,
+            arm_length,
+            bodies[0].name,
+            f"tip_{index}",
+            stiffness=stiffness,
+            inertia=inertia,
+        )
+        joints += arm.joints
+        if tips == "servo":
+            zones += arm.attachments
+        elif tips == "free":
+            zones += [_freed(zone, base, arm_length) for zone in arm.attachments]
+    if centre_radius is not None:
+        zones.append(_centre(bodies[0].name, (0.0, 0.0, arm_length + 0.005), centre_radius))
+    return Part(
+        bodies=bodies,
+        joints=tuple(joints),
+        attachments=tuple(zones),
+        effector=None if centre_radius is None else "centre",
+    )
+
+
+def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
+    """A scripted move: every joint from 0 to `target` in [rad] or [m], evenly over `duration` seconds.
+
+    Args:
+        target: Where all joints go.
+        duration: How long they take in [s], > 0.
+        delay: Simulated time at which they start in [s], >= 0.
+    """
+
+    def move(simulation: RunningSimulation, factor: float) -> None:
+        simulation.command([target * factor] * len(simulation.joint_names))
+
+    return animated(move, duration, delay=delay)
+
+
+def _freed(zone: AttachmentDescription, base: Placement, arm_length: float) -> AttachmentDescription:
+    x, y, z = base.translation
+    frame = Placement(translation=(x, y, z + arm_length), rotation_deg=base.rotation_deg)
+    return AttachmentDescription(
+        name=zone.name, body=zone.body, to="free", relative_to=zone.relative_to, box=zone.box, frame=frame
+    )
+
+
+def _centre(body: str, point: Vector, radius: float) -> AttachmentDescription:
+    return AttachmentDescription(
+        name="centre",
+        body=body,
+        to="free",
+        sphere=Sphere(center=point, radius=radius),
+        frame=Placement(translation=point),
+    )

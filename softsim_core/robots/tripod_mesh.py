@@ -1,0 +1,193 @@
+"""The Tripod's silicone piece, made from its dimensions: a flat Y with a round hole, exactly symmetric.
+
+Half an arm (a sector of 60 degrees) is triangulated; its mirror image and two turns of 120 degrees make the
+whole, which is swept along z. Cutting the prisms by labels of the sector's points keeps the symmetry in the
+connectivity.
+
+`python -m softsim_core.robots.tripod_mesh --out configs/meshes` writes the files that the Tripod's config
+names.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MeshError
+from softsim_core.mesh.generators import extrude
+from softsim_core.mesh.planar import flip_to_delaunay, smooth, stitch
+from softsim_core.mesh.types import TetMesh
+from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.units import MILLIMETRE
+
+ARM_HALF_WIDTH = 15.0 * MILLIMETRE
+"""Half the width of an arm in [m]."""
+ARM_REACH = 55.0 * MILLIMETRE
+"""Distance from the centre to the end of an arm in [m]."""
+THICKNESS = 5.0 * MILLIMETRE
+"""Thickness in [m]; the piece lies from z = 0 to z = THICKNESS."""
+HOLE_RADIUS = 5.0 * MILLIMETRE
+"""Radius of the hole in the centre in [m]."""
+TIP_LINE = 45.01 * MILLIMETRE
+"""Distance in [m] of a straight row of nodes across each arm: the tip zones of the robot begin at 45 mm, and
+a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
+
+LEVELS: dict[str, tuple[int, int]] = {"low": (2, 1), "mid": (3, 2), "high": (4, 3)}
+"""Name of a level: divisions of half an arm's width, layers through the thickness."""
+
+_ROOT = ARM_HALF_WIDTH / math.sqrt(
+    3.0
+)  # the sides of neighbouring arms meet at this distance along an arm's axis
+_STRETCH = (
+    1.1  # element length along the arm per distance of the lines; 2 / sqrt(3) makes equal-sided triangles
+)
+_GRADING = 0.7  # growth of the element size per distance from the hole
+
+
+def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod silicone") -> TetMesh:
+    """The silicone Y in its own frame: centre of the hole at the origin, z up, arm i at 180 + 120 i degrees.
+
+    Symmetric by turns of 120 degrees about z and by reflection in the plane of each arm, in nodes (to
+    round-off) and in connectivity (exactly).
+
+    Args:
+        divisions: Elements across half an arm, >= 2; 6 times as many around the hole.
+        layers: Elements through the thickness, >= 1.
+        name: Name of the mesh.
+
+    Returns:
+        Positively oriented tetrahedra in [m].
+
+    Raises:
+        MeshError: divisions or layers is too small.
+    """
+    if divisions < 2 or layers < 1:
+        raise MeshError(name, f"divisions = {divisions} must be >= 2 and layers = {layers} >= 1")
+    half_points, half_triangles = half_arm(divisions)
+    points, triangles, labels = _replicate(half_points, half_triangles)
+    heights = THICKNESS * np.arange(layers + 1) / layers
+    solid, tets = extrude(points, triangles, labels, heights)
+    return TetMesh(solid, tets, name)
+
+
+def half_arm(divisions: int) -> tuple[Array, IndexArray]:
+    """Triangulated half of an arm along +x: 0 <= y <= 15 mm, polar angle up to 60 degrees, outside the hole.
+
+    Returns:
+        Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
+    """
+    points: list[tuple[float, float]] = []
+    lines: list[list[int]] = []
+    for line in range(divisions + 1):
+        new = _line_points(line, divisions)
+        lines.append(list(range(len(points), len(points) + len(new))))
+        points.extend(new)
+    plane = np.array(points)
+    triangles = [
+        triangle for right, left in itertools.pairwise(lines) for triangle in stitch(plane, left, right)
+    ]
+    movable = _motions(plane, lines)
+    for _ in range(3):
+        triangles = flip_to_delaunay(plane, triangles)
+        plane = smooth(plane, np.array(triangles), movable, sweeps=10)
+    return plane, np.array(triangles, dtype=np.int64)
+
+
+def _line_points(line: int, divisions: int) -> list[tuple[float, float]]:
+    """Points of one line from the hole to the end of the arm; odd lines are staggered by half an element."""
+    angle, y = math.pi / 3.0 * line / divisions, ARM_HALF_WIDTH * line / divisions
+    start = (HOLE_RADIUS * math.cos(angle), HOLE_RADIUS * math.sin(angle))
+    hub = math.dist(start, (_ROOT, y))
+    length = hub + TIP_LINE - _ROOT
+    size, size_at_hole = _STRETCH * ARM_HALF_WIDTH / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
+    growing = min(
+        length, (size - size_at_hole) / _GRADING
+    )  # distance over which the size grows from hole to arm
+
+    def elements(distance: float) -> float:
+        """Number of elements between the hole and a point at this distance: the integral of 1 / size."""
+        within = math.log1p(_GRADING * min(distance, growing) / size_at_hole) / _GRADING
+        return within + max(0.0, distance - growing) / size
+
+    def distance(count: float) -> float:
+        within = elements(growing)
+        if count > within:
+            return growing + (count - within) * size
+        return size_at_hole * math.expm1(_GRADING * count) / _GRADING
+
+    # Counted from the tip line inwards, so that neighbouring lines stay half an element apart along the arm.
+    total, half = elements(length), 0.5 * (line % 2)
+    last = max(1, round(total - half)) + half
+    steps = [last - step for step in range(int(last) + 1)]
+    along = [distance(total * step / last) for step in sorted({0.0, *steps, last})]
+    points = []
+    for travelled in along:
+        if travelled < hub:
+            part = travelled / hub
+            points.append((start[0] + part * (_ROOT - start[0]), start[1] + part * (y - start[1])))
+        else:
+            points.append((_ROOT + travelled - hub, y))
+    points[-1] = (TIP_LINE, y)
+    if line == divisions:  # the inner corner belongs to the outline
+        points[min(range(len(points)), key=lambda index: math.dist(points[index], (_ROOT, y)))] = (_ROOT, y)
+    tip = max(1, round((ARM_REACH - TIP_LINE) / size))
+    stops = range(1, tip) if line % 2 == 0 else [index + 0.5 for index in range(tip)]
+    points.extend((TIP_LINE + (ARM_REACH - TIP_LINE) * stop / tip, y) for stop in stops)
+    return [*points, (ARM_REACH, y)]
+
+
+def _motions(points: Array, lines: Sequence[Sequence[int]]) -> Array:
+    """How smoothing may move each point: within the plane, along the border it lies on, or not at all."""
+    movable = np.tile(np.eye(2), (len(points), 1, 1))
+    x_only, y_only = np.diag([1.0, 0.0]), np.diag([0.0, 1.0])
+    diagonal = np.array([0.5, math.sqrt(0.75)])
+    for index in lines[0]:
+        movable[index] = x_only
+    for index in lines[-1]:
+        movable[index] = x_only if points[index, 0] > _ROOT else np.outer(diagonal, diagonal)
+    for line in lines:
+        for index in line:
+            if points[index, 0] in (TIP_LINE, ARM_REACH):
+                movable[index] = 0.0 if line in (lines[0], lines[-1]) else y_only
+        movable[line[0]] = 0.0
+    movable[(points == [_ROOT, ARM_HALF_WIDTH]).all(axis=1)] = 0.0
+    return movable
+
+
+def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray, IndexArray]:
+    """The whole Y from half an arm along +x: mirrored in y, turned to 180, 300 and 60 degrees, merged.
+
+    Returns:
+        Points, shape (n, 2); counter-clockwise triangles; the index of each point's original, shape (n,).
+    """
+    images, faces = [], []
+    sine = math.sqrt(0.75)
+    for cosine, turn in ((-1.0, 0.0), (0.5, -sine), (0.5, sine)):
+        rotation = np.array([[cosine, -turn], [turn, cosine]])
+        for mirror in (1.0, -1.0):
+            images.append(points @ (rotation * [1.0, mirror]).T)
+            faces.append(triangles if mirror > 0.0 else triangles[:, ::-1])
+    copies = np.concatenate(images)
+    _, first, inverse = np.unique(np.round(copies / 1.0e-9), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # keep the order of first appearance
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    merged = rank[inverse.reshape(-1)]
+    shifts = len(points) * np.arange(len(images))
+    all_faces = np.concatenate([face + shift for face, shift in zip(faces, shifts, strict=True)])
+    return copies[first[order]], merged[all_faces], first[order] % len(points)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line: write the Tripod's meshes into a folder; returns the exit code."""
+    meshes = (tripod_silicone(*size, f"tripod_{level}") for level, size in LEVELS.items())
+    description = "Write the Tripod's meshes into a folder."
+    return write_mesh_files("softsim_core.robots.tripod_mesh", description, meshes, arguments)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

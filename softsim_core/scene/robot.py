@@ -1,0 +1,159 @@
+"""What a robot is beside its physics: poses, commands, keys, board, inverse control, view; typed, SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from softsim_core.errors import SceneError, listing
+from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.file_keys import ABSENT, BESIDE
+from softsim_core.scene.running import RunningSimulation
+from softsim_core.scene.view import ViewSettings
+from softsim_core.values import FieldError, need_finite
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Controller:
+    """A user's own code in the loop; each hook is optional and gets the running simulation.
+
+    Attributes:
+        on_begin: Called before every step.
+        on_end: Called after every step.
+        on_key: Called with the name of a pressed key ("up", "a") that the scene's own bindings have seen too.
+    """
+
+    on_begin: Callable[[RunningSimulation], None] | None = None
+    on_end: Callable[[RunningSimulation], None] | None = None
+    on_key: Callable[[RunningSimulation, str], None] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotDescription:
+    """A scene, and how its robot is driven, wired and looked at; in a file, all keys stand side by side.
+
+    Attributes:
+        scene: The physics.
+        poses: Named joint positions in [rad] or [m], one number per joint.
+        commands: What is done with commands.
+        start: The start move; None: there is none.
+        keys: What the keys of a keyboard do, by the names of the keys.
+        board: The serial board of the servos; None: there is none.
+        inverse: Inverse control.
+        view: What a page shows when the scene begins.
+        controllers: Users' own code in the loop; from Python files only.
+        source: The file it came from; None: none.
+    """
+
+    scene: SceneDescription = field(metadata=BESIDE)
+    poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    commands: CommandSettings = CommandSettings()
+    start: StartAnimation | None = None
+    keys: dict[str, KeyBinding] = field(default_factory=dict)
+    board: BoardDescription | None = None
+    inverse: InverseSettings = InverseSettings()
+    view: ViewSettings = ViewSettings()
+    controllers: tuple[Controller, ...] = field(default=(), metadata=ABSENT)
+    source: Path | None = field(default=None, metadata=ABSENT)
+
+    def __post_init__(self) -> None:
+        joints, poses = self.joint_names, tuple(self.poses)
+
+        def known(what: str, name: str | None, names: tuple[str, ...]) -> None:
+            if name is not None and name not in names:
+                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; known: {listing(names)}")
+
+        for pose, values in self.poses.items():
+            if len(values) != len(joints):
+                raise SceneError(
+                    f"scene {self.name}: pose {pose} has {len(values)} values for {len(joints)} joints"
+                )
+            need_finite(f"scene {self.name}", f"poses.{pose}", values)
+        if self.start is not None:
+            known("pose", self.start.pose, poses)
+        known("pose", self.inverse.posture, poses)
+        for part in self.view.hidden:
+            known("part to hide", part, self.shown_parts)
+        for binding in self.keys.values():
+            known("pose", binding.pose, poses)
+            for joint in binding.joints:
+                known("joint", joint, joints)
+        if self.board is not None:
+            for servo in self.board.servos:
+                known("joint", servo.joint, joints)
+
+    @property
+    def name(self) -> str:
+        """Name of the scene and of the robot in it."""
+        return self.scene.name
+
+    @property
+    def namespace(self) -> str:
+        """The robot's ROS namespace: its name.
+
+        Raises:
+            FieldError: the name is none that ROS allows; a file or a `Scene` with such a name is refused.
+        """
+        need_namespace(self.name)
+        return self.name
+
+    @property
+    def joints(self) -> tuple[JointDescription, ...]:
+        """The joints that commands, poses and boards drive, in command order."""
+        return self.scene.joints
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in command order."""
+        return self.scene.joint_names
+
+    @property
+    def start_joints(self) -> tuple[float, ...]:
+        """Joint positions in [rad] or [m] at which the start move ends; without one, those at rest."""
+        if self.start is None:
+            return tuple(joint.rest for joint in self.joints)
+        return self.poses[self.start.pose]
+
+    @property
+    def start_shift(self) -> float:
+        """Shift in [m] of the joint bases at which the start move ends; without one, 0."""
+        return 0.0 if self.start is None else self.start.base_shift
+
+    @property
+    def shown_parts(self) -> tuple[str, ...]:
+        """Everything that can be hidden by itself, as KIND/NAME, such as "bodies/silicone"."""
+        kinds = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
+        return tuple(f"{kind}/{part.name}" for kind in kinds for part in getattr(self.scene, kind))
+
+    def with_scene(self, **changes: Any) -> RobotDescription:
+        """The same robot with some fields of its scene changed, such as `dt=0.005`.
+
+        Raises:
+            SceneError: what is changed does not fit together.
+        """
+        return replace(self, scene=replace(self.scene, **changes))
+
+    def robot_alone(self) -> RobotDescription:
+        """The robot without what it touches, without user code and start move: a model to plan with."""
+        contact = replace(self.scene.contact, friction_pairs=())
+        scene = replace(self.scene, rigid_bodies=(), collisions=(), contact=contact)
+        return replace(self, scene=scene, controllers=(), start=None, view=ViewSettings())
+
+
+def need_namespace(name: object) -> None:
+    """Refuse a robot's name that cannot be its ROS namespace."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", str(name)):
+        allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
+        raise FieldError("scene", "name", repr(name), allowed)
+
+
+def as_robot(description: SceneDescription | RobotDescription) -> RobotDescription:
+    """A robot as it is; a scene alone as a robot that has nothing but its physics."""
+    if isinstance(description, RobotDescription):
+        return description
+    return RobotDescription(scene=description)

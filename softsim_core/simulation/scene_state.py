@@ -1,0 +1,272 @@
+"""A built scene in some state: everything one can look at, and nothing that changes it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+
+from softsim_core.actuation.actuator import ActuatorView
+from softsim_core.arrays import Array, IndexArray, float_array
+from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.dynamics import Backend
+from softsim_core.dynamics.actuator_statics import reduced_stiffness
+from softsim_core.dynamics.backends import make_stepper
+from softsim_core.dynamics.contact_step import ContactStepper
+from softsim_core.dynamics.report import ContactReport, StepReport
+from softsim_core.mechanics.pose import Pose, quaternion_of
+from softsim_core.mechanics.state import State
+from softsim_core.mesh.follower import SurfaceFollower
+from softsim_core.scene.builder import build
+from softsim_core.scene.contact_builder import contacts
+from softsim_core.scene.description import SceneDescription
+from softsim_core.simulation.velocities import checked, set_body_motion
+
+
+class SceneState:
+    """A scene, what was built of it, and where all of it is.
+
+    Args:
+        scene: What to build; it begins at rest.
+        backend: "numba", "scipy" or "auto"; None takes the scene's.
+
+    Raises:
+        SceneError, MeshError, MaterialError: the scene cannot be built.
+    """
+
+    def __init__(self, scene: SceneDescription, backend: Backend | None = None) -> None:
+        self.scene = scene
+        built = build(scene)
+        self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
+        self.rigid_bodies, self._actuators = built.rigid, built.actuators
+        self._linear_solver = scene.solver.linear_solver
+        backend = backend or scene.solver.backend
+        self._stepper = make_stepper(self.model, backend, self._actuators, self._linear_solver)
+        self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+        if self._contacts is not None or self.model.rigid.names:
+            self._stepper = ContactStepper(self._stepper, self._contacts)
+        self._state = self._rest_state()
+        self._report = StepReport()
+        self._forces = np.zeros_like(self.model.rest)
+        self._rigid_forces = np.zeros((len(self.model.rigid.names), 6))
+        self._surface = SurfaceFollower(
+            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
+        )
+        self._mean_at_nodes = mean_at_nodes(self.tets, len(self.model.rest))
+
+    def _rest_state(self) -> State:
+        """The state at which the scene is built: at rest but for the velocities of its bodies."""
+        state = self.model.rest_state()
+        for body, description in zip(self.bodies, self.scene.bodies, strict=True):
+            if any(description.velocity):
+                velocity = np.array(description.velocity, dtype=float)
+                set_body_motion(self.model, state, body, velocity, np.zeros(3))
+        self._actuators.measure(self.model, state)
+        return state
+
+    @property
+    def backend(self) -> str:
+        """Implementation of the step: "numba" or "scipy"."""
+        return self._stepper.name
+
+    @property
+    def compiled(self) -> bool:
+        """Whether steps are compiled: walking to a pose with them is quicker than statics."""
+        return self._stepper.compiled
+
+    @property
+    def report(self) -> StepReport:
+        """What the last step told."""
+        return self._report
+
+    @property
+    def forces(self) -> Array:
+        """External forces on the nodes in [N], shape (n, 3): write into it, or assign a whole array.
+
+        Raises:
+            ArrayError: another shape or type is assigned; nothing is changed.
+        """
+        return self._forces
+
+    @forces.setter
+    def forces(self, forces: Array) -> None:
+        self._forces[:] = float_array(forces, self._forces.shape, "forces")
+
+    # --- joints ---
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in command order."""
+        return self.scene.joint_names
+
+    @property
+    def joint_positions(self) -> Array:
+        """Measured joint positions in [rad] or [m], shape (j,); of an actuator its coordinate."""
+        return self._state.joint_positions.copy()
+
+    @property
+    def joint_velocities(self) -> Array:
+        """Joint velocities in [rad/s] or [m/s], shape (j,)."""
+        return self._state.reduced_velocities[6 * len(self.model.frame_names) :].copy()
+
+    @property
+    def joint_efforts(self) -> Array:
+        """Torque in [N m] or force in [N] that each drive applied in the last step, shape (j,)."""
+        return self._state.joint_efforts.copy()
+
+    # --- soft bodies ---
+
+    @property
+    def positions(self) -> Array:
+        """Node positions of all bodies in [m], shape (n, 3)."""
+        return self._state.positions.copy()
+
+    @property
+    def velocities(self) -> Array:
+        """Node velocities of all bodies in [m/s], shape (n, 3)."""
+        return self._state.velocities.copy()
+
+    @property
+    def tets(self) -> IndexArray:
+        """Tetrahedra of all bodies, shape (m, 4)."""
+        tets = [body.mesh.tets + body.nodes.start for body in self.bodies]
+        return np.concatenate([np.zeros((0, 4), np.int64), *tets])
+
+    @property
+    def surface_triangles(self) -> IndexArray:
+        """Boundary triangles of all bodies, as indices into `positions`, shape (k, 3)."""
+        return np.concatenate([np.zeros((0, 3), np.int64)] + [body.boundary for body in self.bodies])
+
+    def visual_points(self) -> Array:
+        """Vertices of the visual surfaces of all bodies now, in [m], shape (p, 3)."""
+        return self._surface.follow(self._state.positions)
+
+    def visual_values(self, node_values: Array) -> Array:
+        """Nodal values (n,) carried over to the vertices of the visual surfaces, shape (p,)."""
+        return self._surface.follow(node_values)
+
+    @property
+    def visual_triangles(self) -> IndexArray:
+        """Triangles of the visual surfaces of all bodies, as indices into `visual_points`, shape (q, 3)."""
+        return self._surface.triangles
+
+    @property
+    def visual_rest_points(self) -> Array:
+        """Vertices of the visual surfaces at rest, in [m], shape (p, 3)."""
+        return self._surface.rest_points
+
+    def reduced_stiffness(self) -> Array:
+        """Static stiffness of frames and joints at the present state, shape (b, b).
+
+        Free frames come first (velocity, then spin: six each), then joints; see reduced_stiffness in
+        dynamics.actuator_statics.
+        """
+        return reduced_stiffness(self._stepper, self._state, self.parameters, self.forces)
+
+    def von_mises(self) -> Array:
+        """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
+        return np.asarray(self._mean_at_nodes @ self._stepper.von_mises(self._state, self.parameters))
+
+    def frames(self) -> dict[str, Pose]:
+        """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
+        state, poses = self._state, {}
+        for f, name in enumerate(self.model.frame_names):
+            poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))
+        for j, joint in enumerate(self.model.joints):
+            if not joint.moves_frame:
+                continue
+            base, turn = self.model.base_frame(j, state)
+            poses[joint.name] = Pose(base, quaternion_of(turn))
+            origin, rotation = self.model.joint_frame(j, state)
+            poses[f"{joint.name}_horn"] = Pose(origin, quaternion_of(rotation))
+        return poses
+
+    @property
+    def rigid_poses(self) -> tuple[Pose, ...]:
+        """Poses of all rigid bodies, free and carried, in scene order."""
+        state, poses = self._state, []
+        for body in self.rigid_bodies:
+            if body.free >= 0:
+                position, rotation = state.rigid_positions[body.free], state.rigid_rotations[body.free]
+                poses.append(Pose(position.copy(), quaternion_of(rotation)))
+                continue
+            origin, turn = np.zeros(3), np.eye(3)
+            if body.on in self.joint_names:
+                origin, turn = self.model.joint_frame(self.joint_names.index(body.on), state)
+            elif body.on in self.model.frame_names:
+                f = self.model.frame_names.index(body.on)
+                origin, turn = state.frame_positions[f], state.frame_rotations[f]
+            elif body.on != "world":
+                j = self.joint_names.index(body.on.removesuffix("_base"))
+                origin, turn = self.model.base_frame(j, state)
+            poses.append(Pose(origin + turn @ body.position, quaternion_of(turn @ body.rotation)))
+        return tuple(poses)
+
+    @property
+    def rigid_velocities(self) -> Array:
+        """Velocity of the centre of mass in [m/s] and angular velocity in [rad/s] of rigid bodies with mass.
+
+        World axes, in the order of `rigid_names`, shape (r, 6).
+        """
+        return self._state.rigid_velocities.copy()
+
+    @property
+    def rigid_names(self) -> tuple[str, ...]:
+        """Names of the rigid bodies with mass: the rows of `rigid_velocities` and `rigid_forces`."""
+        return self.model.rigid.names
+
+    @property
+    def rigid_forces(self) -> Array:
+        """Force in [N] at the centre of mass and moment in [N m] about it on each rigid body with mass.
+
+        World axes, shape (r, 6); it acts in every step until it is changed, in place or by setting it.
+
+        Raises:
+            CommandError: on setting, another shape, or not finite; nothing is changed.
+        """
+        return self._rigid_forces
+
+    @rigid_forces.setter
+    def rigid_forces(self, loads: ArrayLike) -> None:
+        self._rigid_forces[:] = checked("rigid_forces", loads, self._rigid_forces.shape, "N and N m")
+
+    @property
+    def actuators(self) -> tuple[ActuatorView, ...]:
+        """What one can see of each actuator of a joint without frame, in joint order."""
+        return self._actuators.views(self.model, self._state)
+
+    @property
+    def contacts(self) -> ContactReport:
+        """What touched in the last step."""
+        return self._report.contacts
+
+    @property
+    def collision_surfaces(self) -> tuple[CollisionSurface, ...]:
+        """Collision surfaces over `collision_points`."""
+        return () if self._contacts is None else self._contacts.surfaces
+
+    @property
+    def collision_points(self) -> Array:
+        """Where the vertices of the collision surfaces are, in [m], shape (v, 3)."""
+        return np.zeros((0, 3)) if self._contacts is None else self._contacts.points(self._state)
+
+    @property
+    def effector_pose(self) -> Pose | None:
+        """Pose of the end effector, or None in a scene without one."""
+        if self.scene.effector is None:
+            return None
+        f = self.model.frame_names.index(self.scene.effector)
+        return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
+
+
+def mean_at_nodes(elements: IndexArray, count: int) -> csr_array:
+    """Matrix (n, m) from values of m elements to the mean of those around each of `count` nodes; 0 at others.
+
+    Args:
+        elements: Node indices, shape (m, a).
+        count: Number of nodes n.
+    """
+    nodes = elements.ravel()
+    around = np.bincount(nodes, minlength=count)
+    element = np.repeat(np.arange(len(elements)), elements.shape[1])
+    return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(elements)))

@@ -1,0 +1,401 @@
+"""A running scene: step, command, tune, snapshot."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics import Backend
+from softsim_core.dynamics.contact_step import runaway_speed
+from softsim_core.dynamics.report import nothing
+from softsim_core.dynamics.statics import StaticSolution, solve_static
+from softsim_core.errors import (
+    DetectionOverflowError,
+    FactorisationError,
+    SceneError,
+    SolverDivergedError,
+    listing,
+)
+from softsim_core.fem.elements import element
+from softsim_core.fem.locking import locking_warning
+from softsim_core.linalg.solvers import linear_solver
+from softsim_core.mechanics.control import Control
+from softsim_core.mechanics.limits import check_command
+from softsim_core.mechanics.snapshot import pack, unpack
+from softsim_core.mechanics.state import WARM_START_COLUMNS
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.simulation.bases import MovableBases
+from softsim_core.simulation.drive import JointDrive
+from softsim_core.simulation.scene_state import SceneState
+from softsim_core.simulation.velocities import checked, number_of, set_body_motion, set_node_velocities
+
+
+class Simulation(SceneState):
+    """A scene that runs in fixed steps. The same commands at the same steps give the same bytes.
+
+    Args:
+        scene: What to simulate: a robot with its scene, or a scene alone.
+        backend: "numba", "scipy" or "auto"; None takes the scene's.
+
+    Attributes:
+        scene: The physics.
+        robot: How it is driven: poses, commands, start move, the users' own code.
+
+    Raises:
+        SceneError, MeshError, MaterialError: the scene cannot be built.
+    """
+
+    def __init__(self, scene: SceneDescription | RobotDescription, backend: Backend | None = None) -> None:
+        self.robot = as_robot(scene)
+        super().__init__(self.robot.scene, backend)
+        self._last_good = self.model.rest_state()
+        self._drive = JointDrive(self.robot)
+        self._bases = MovableBases(self.model)
+        self._steps = 0
+        self._step_time = self._controllers_time = 0.0
+        self._runaway_speed = runaway_speed(self._size(), self.model.dt)
+        self._fingerprint = hashlib.sha256(repr(self._identity()).encode()).digest()
+
+    # --- time ---
+
+    @property
+    def dt(self) -> float:
+        """Time step in [s]."""
+        return self.model.dt
+
+    @property
+    def step_count(self) -> int:
+        """Steps since the start."""
+        return self._steps
+
+    @property
+    def time(self) -> float:
+        """Simulated time in [s]."""
+        return self.step_count * self.dt
+
+    @property
+    def stage_times(self) -> dict[str, float]:
+        """Time of each stage of the last step in [ms], and of the whole step; see dynamics.stages."""
+        times = {**self._report.times, "step": self._step_time}
+        return {"controllers": self._controllers_time, **times} if self.robot.controllers else times
+
+    def step(self) -> None:
+        """Advance by one dt.
+
+        Raises:
+            SolverDivergedError: the step gave a non-finite or runaway state; the state stays the last good
+            one.
+        """
+        started = perf_counter()
+        for controller in self.robot.controllers:
+            if controller.on_begin is not None:
+                controller.on_begin(self)
+        begun = perf_counter()
+        told = self._drive.positions
+        self._drive.advance(self.time, self.dt)
+        self._last_good.copy_from(self._state)
+        control = Control(self._drive.positions, self.forces, self._drive.base_shift, self._rigid_forces)
+        try:
+            report = self._stepper.step(self._state, control, self.parameters)
+        except (FactorisationError, DetectionOverflowError) as error:
+            raise self._refused(told) from error
+        except Exception:  # somebody's mistake, not the physics': it goes on as it is
+            self._go_back(told)
+            raise
+        if not report.top_speed < self._runaway_speed:  # also catches NaN
+            raise self._refused(told)
+        self._report = report
+        if self._bases.advance(self._state, self.dt):
+            self._actuators.measure(self.model, self._state)
+        self._steps += 1
+        stepped = perf_counter()
+        for controller in self.robot.controllers:
+            if controller.on_end is not None:
+                controller.on_end(self)
+        ended = perf_counter()
+        self._controllers_time = 1e3 * (begun - started + ended - stepped)
+        self._step_time = 1e3 * (ended - started)
+
+    def _size(self) -> float:
+        """Diagonal in [m] of the box around all nodes and collision surfaces as they are now."""
+        points = np.concatenate([self.model.rest, self.collision_points])
+        return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else math.inf
+
+    def _refused(self, told: Array) -> SolverDivergedError:
+        """Go back to the last good state and what joints were `told` (j,); says where the step went wrong."""
+        speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
+        worst = int(np.argmax(speed)) if len(speed) else 0
+        self._go_back(told)
+        return SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
+
+    def _go_back(self, told: Array) -> None:
+        """To the last good state; the drive goes on from what joints were told (j,) before."""
+        self._state.copy_from(self._last_good)
+        self._drive.positions = told
+
+    # --- commands ---
+
+    @property
+    def joint_targets(self) -> Array:
+        """The last accepted command, after clamping, in [rad] or [m], shape (j,)."""
+        return self._drive.targets.copy()
+
+    @property
+    def enforce_limits(self) -> bool:
+        """Whether joint limits (position and speed) hold; False allows full turns."""
+        return self._drive.enforce_limits
+
+    @enforce_limits.setter
+    def enforce_limits(self, enforce: bool) -> None:
+        self._drive.enforce_limits = enforce
+
+    def command(self, values: Sequence[float] | Array) -> Array:
+        """Set where the joints go; a running start animation ends.
+
+        Args:
+            values: One position per joint in [rad] or [m], in joint order.
+
+        Returns:
+            The accepted command, clamped to the limits where they are enforced.
+
+        Raises:
+            CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is
+            changed.
+        """
+        self._drive.command(list(values))
+        return self.joint_targets
+
+    @property
+    def base_shift(self) -> float:
+        """Shift in [m] of all joint bases along their slide axes."""
+        return float(self._state.base_shift[0])
+
+    @base_shift.setter
+    def base_shift(self, shift: float) -> None:
+        self._drive.shift_bases(shift)
+
+    def move_base(self, joint: str, position: Sequence[float] | Array) -> None:
+        """Have the base of a joint go to a position (3,) in [m], as `frames` tells it while its parent rests.
+
+        It goes there at a hand's pace, see bases.SPEED, and what is attached to the joint goes along; `reset`
+        takes it back. What `base_shift` changes later comes on top.
+
+        Raises:
+            CommandError: no such joint, one without a frame, or not finite; nothing is changed.
+        """
+        self._bases.move(joint, position, self.base_shift)
+
+    def start_animation(self) -> None:
+        """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+        self._drive.start(self.time)
+
+    def press_key(self, key: str) -> None:
+        """Hand a key to the scene's own controllers."""
+        for controller in self.robot.controllers:
+            if controller.on_key is not None:
+                controller.on_key(self, key)
+
+    def set_velocities(self, velocities: ArrayLike) -> None:
+        """Set the velocities of the nodes from now on, such as for a throw.
+
+        Args:
+            velocities: In [m/s], shape (n, 3). Nodes that are fixed, or follow a free frame or a joint, keep
+                theirs; `set_body_velocity` moves free frames along.
+
+        Raises:
+            CommandError: another shape, or not finite; nothing is changed.
+        """
+        values = checked("velocities", velocities, self.model.rest.shape, "m/s")
+        set_node_velocities(self.model, self._state, values)
+
+    def set_body_velocity(
+        self, body: str, velocity: ArrayLike = (0.0, 0.0, 0.0), angular_velocity: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Have a body move as a rigid one does, from now on.
+
+        Args:
+            body: Name of a deformable body, or of a rigid one with mass.
+            velocity: Of its centre of mass in [m/s], world axes, shape (3,).
+            angular_velocity: In [rad/s], world axes, shape (3,). Of a deformable body, nodes that are fixed
+                or follow a joint keep their velocities.
+
+        Raises:
+            CommandError: no such body, another shape, or not finite; nothing is changed.
+        """
+        soft = [each.name for each in self.bodies]
+        number = number_of("body that moves by itself", body, (*soft, *self.rigid_names))
+        linear = checked("velocity", velocity, (3,), "m/s")
+        angular = checked("angular_velocity", angular_velocity, (3,), "rad/s")
+        if number < len(soft):
+            set_body_motion(self.model, self._state, self.bodies[number], linear, angular)
+        else:
+            self._state.rigid_velocities[number - len(soft)] = np.concatenate([linear, angular])
+
+    # --- parameters ---
+
+    def set_material(self, body: str, **values: float) -> None:
+        """Change parameters of a body's material law by name from the next step on; see fem.materials.
+
+        Most laws have `young_modulus` in [Pa] and `poisson_ratio` in [-].
+
+        Raises:
+            SceneError: no such body.
+            MaterialError: the law has no such parameter, or a value is out of range; nothing is changed.
+        """
+        b = self._body(body)
+        changed = self.model.law(b).values({**self.parameters.materials[b], **values})
+        if sentence := locking_warning(element(self.scene.bodies[b].element), values):
+            warnings.warn(f"body {body}: {sentence}", stacklevel=2)
+        self.parameters.materials[b] = changed
+
+    def material(self, body: str) -> MaterialDescription:
+        """The law of a body and the values its parameters have now."""
+        b = self._body(body)
+        return self.scene.bodies[b].material.changed(**self.parameters.materials[b])
+
+    def _body(self, name: str) -> int:
+        """The index of a body."""
+        names = [each.name for each in self.bodies]
+        if name not in names:
+            raise SceneError(f"unknown body {name!r}; known bodies: {listing(names)}")
+        return names.index(name)
+
+    def set_damping(
+        self, rayleigh_stiffness: float | None = None, rayleigh_mass: float | None = None
+    ) -> None:
+        """Change the damping per stiffness in [s] or per mass in [1/s] from the next step on.
+
+        Raises:
+            SceneError: negative or not finite; nothing is changed.
+        """
+        for name, value in (("rayleigh_stiffness", rayleigh_stiffness), ("rayleigh_mass", rayleigh_mass)):
+            if value is not None and not 0.0 <= value < math.inf:
+                raise SceneError(f"{name} must be >= 0, not {value}")
+        if rayleigh_stiffness is not None:
+            self.parameters.rayleigh_stiffness = float(rayleigh_stiffness)
+        if rayleigh_mass is not None:
+            self.parameters.rayleigh_mass = float(rayleigh_mass)
+
+    # --- state ---
+
+    def snapshot(self) -> bytes:
+        """Everything needed to go on from here, as named arrays: state, commands, tuned parameters."""
+        return pack(self._fingerprint, self._saved())
+
+    def restore(self, data: bytes) -> None:
+        """Go back to a snapshot; what follows is the same bytes as it was then.
+
+        Raises:
+            SnapshotError: not a snapshot of this scene, of another version, or damaged; nothing is changed.
+        """
+        shapes = {name: array.shape for name, array in self._saved().items()}
+        shapes["state.warm_start"] = (-1, WARM_START_COLUMNS)
+        saved = unpack(data, self._fingerprint, shapes)
+        self._state.take(_part(saved, "state."))
+        self._drive.take(_part(saved, "drive."))
+        self._bases.restore(saved["bases.targets"])
+        self._forces[:] = saved["forces"]
+        self._rigid_forces[:] = saved["rigid_forces"]
+        tuned = iter(saved["parameters.materials"].tolist())
+        self.parameters.materials = [
+            {name: next(tuned) for name in values} for values in self.parameters.materials
+        ]
+        self.parameters.rayleigh_stiffness = float(saved["parameters.rayleigh_stiffness"][0])
+        self.parameters.rayleigh_mass = float(saved["parameters.rayleigh_mass"][0])
+        self._steps = int(saved["steps"][0])
+        self._forget_contacts()
+
+    def reset(self) -> None:
+        """Back to the start of the scene, with the parameters as they are tuned now."""
+        self._bases.reset()
+        self._state.copy_from(self._rest_state())
+        self._drive.reset()
+        self._steps = 0
+        self._forces[:] = 0.0
+        self._rigid_forces[:] = 0.0
+        self._forget_contacts()
+
+    def _forget_contacts(self) -> None:
+        """What touched before a jump of the state is no news any more."""
+        self._report = replace(self._report, measure=nothing)
+
+    def equilibrium(
+        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+    ) -> StaticSolution:
+        """The static equilibrium that is reached from the present state; nothing is changed.
+
+        Args:
+            joints: Where the joints are commanded to be, in [rad] or [m], limits or not.
+            base_shift: Shift in [m] of all joint bases; None: the present one.
+            tolerance: See solve_static, in [m].
+
+        Raises:
+            CommandError: wrong length or not finite.
+            NotConvergedError: no equilibrium was found.
+        """
+        targets = np.array(check_command(list(joints), self.joint_names))
+        control = Control(targets, self.forces, self.base_shift if base_shift is None else float(base_shift))
+        return solve_static(
+            self.model,
+            self._state,
+            control,
+            self.parameters,
+            actuators=self._actuators,
+            tolerance=tolerance,
+            solver=linear_solver(self._linear_solver),
+        )
+
+    def settle(
+        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+    ) -> StaticSolution:
+        """Go to the static equilibrium that `equilibrium` finds, at rest; time stands still.
+
+        Raises:
+            CommandError, NotConvergedError: as `equilibrium`; nothing is changed.
+        """
+        solution = self.equilibrium(joints, base_shift, tolerance=tolerance)
+        self._state.copy_from(solution.state)
+        self._drive.place(np.array(joints, dtype=float), self.base_shift)
+        return solution
+
+    def _saved(self) -> dict[str, Array]:
+        """Everything a snapshot holds, by name."""
+        parameters = self.parameters
+        return {
+            "steps": np.array([float(self._steps)]),
+            **{f"state.{name}": array for name, array in self._state.arrays().items()},
+            **{f"drive.{name}": array for name, array in self._drive.arrays().items()},
+            "bases.targets": self._bases.targets,
+            "forces": self._forces,
+            "rigid_forces": self._rigid_forces,
+            "parameters.materials": np.array(
+                [value for values in parameters.materials for value in values.values()], dtype=float
+            ),
+            "parameters.rayleigh_stiffness": np.array([parameters.rayleigh_stiffness]),
+            "parameters.rayleigh_mass": np.array([parameters.rayleigh_mass]),
+        }
+
+    def _identity(self) -> tuple[object, ...]:
+        model = self.model
+        arrays = [model.rest, model.region_of_node, model.gravity, *(group.cells for group in model.groups)]
+        kinds = [(group.element.name, group.material.name) for group in model.groups]
+        return (self.scene.name, self.joint_names, model.dt, kinds, [array.tobytes() for array in arrays])
+
+
+def _part(saved: Mapping[str, Array], prefix: str) -> dict[str, Array]:
+    """The arrays whose names begin with a prefix, without it."""
+    return {name.removeprefix(prefix): array for name, array in saved.items() if name.startswith(prefix)}

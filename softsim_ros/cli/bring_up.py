@@ -1,0 +1,151 @@
+"""Several nodes in one process: simulator, servo bridge, a board, and the teleop or a status line."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from servo_bridge.board_node import BoardNode
+from servo_bridge.bridge_node import ServoBridge
+from softsim_core.scene import RobotDescription
+from softsim_ros.cli.boards import BoardChoice, BoardKind, local_board, quiet_s
+from softsim_ros.cli.status_line import show_status
+from softsim_ros.cli.web_page import WebPage
+from softsim_ros.inverse.inverse_node import InverseControl
+from softsim_ros.runtime import SpinThread, ros_process
+from softsim_ros.simulator.simulator_node import Simulator
+from softsim_ros.teleop.teleop_node import Teleop, drive
+from softsim_ros.teleop.terminal import NoTerminalError
+
+
+class BringUp:
+    """The nodes of one robot, spinning in two threads; leaving the `with` block reaches the safe pose.
+
+    Args:
+        robot: The robot.
+        namespace: Namespace of every node, without slashes at its ends.
+        board: The bridge's board.
+        inverse: With inverse control, disabled until key I.
+        watch: Load the scene anew whenever one of its files is saved.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        namespace: str,
+        board: BoardChoice,
+        *,
+        inverse: bool = False,
+        watch: bool = False,
+    ) -> None:
+        self.board: BoardNode | None = None
+        self.bridge: ServoBridge | None = None
+        self.inverse: InverseControl | None = None
+        with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
+            self.simulator = Simulator(
+                robot, namespace=namespace, parameter_overrides=[Parameter("watch", value=watch)]
+            )
+            stack.callback(self.simulator.close)
+            bridged = board.kind is not BoardKind.NONE
+            hardware = self._add_bridge(stack, robot, namespace, board) if bridged else []
+            stack.enter_context(SpinThread([self.simulator]))
+            if hardware:
+                stack.enter_context(SpinThread(hardware))
+            if inverse:
+                self.inverse = InverseControl(robot, namespace=namespace)
+                stack.callback(self.inverse.close)
+                stack.enter_context(SpinThread([self.inverse]))
+            self._stack = stack.pop_all()
+
+    def _add_bridge(
+        self, stack: contextlib.ExitStack, robot: RobotDescription, namespace: str, board: BoardChoice
+    ) -> list[Node]:
+        self.board = local_board(stack, robot, namespace, board.kind)
+        values: dict[str, object] = {
+            "robot": robot.name,
+            "port": board.port if self.board is None else self.board.board.port,
+            "autostart": "activate" if board.send else "configure",
+        }
+        if (quiet := quiet_s(board.kind)) is not None:
+            values["open_wait_s"] = quiet
+        self.bridge = ServoBridge(
+            scene=robot,
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        stack.callback(self.bridge.destroy_node)
+        return [*([self.board] if self.board else ()), self.bridge]
+
+    def __enter__(self) -> BringUp:
+        """Everything spins already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop spinning, reach the safe pose, close the port, end the physics."""
+        self._stack.close()
+
+
+def run_bring_up(
+    robot: RobotDescription,
+    namespace: str,
+    board: BoardChoice,
+    interactive: bool,
+    *,
+    inverse: bool = False,
+    watch: bool = False,
+    page: WebPage | None = None,
+) -> int:
+    """Run a robot until its person or a signal ends it.
+
+    Args:
+        robot: The robot.
+        namespace: Namespace of every node.
+        board: The bridge's board.
+        interactive: Show the teleop in this terminal; else a status line.
+        inverse: With inverse control.
+        watch: Load the scene anew whenever one of its files is saved.
+        page: The viewer, whose address is told once the robot runs.
+
+    Returns:
+        Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
+
+    Raises:
+        SoftSimError: a node could not be made.
+    """
+    print(f"starting {robot.name}: Ctrl-C ends it in the safe pose", flush=True)
+    with ros_process(), BringUp(robot, namespace, board, inverse=inverse, watch=watch) as nodes:
+        try:
+            notice = "" if page is None else page.notice()
+            if notice:
+                print(notice, flush=True)
+            if not (interactive and _drive(robot, namespace, notice)):
+                show_status(nodes.simulator, nodes.bridge, nodes.board)
+        finally:
+            _ignore_signals()
+    print(f"{robot.name}: ended", flush=True)
+    return 0
+
+
+def _drive(robot: RobotDescription, namespace: str, notice: str) -> bool:
+    """Run the teleop here, with a first sentence; False where this terminal cannot be used."""
+    teleop = Teleop(robot, namespace=namespace)
+    if notice:
+        teleop.set_status(notice)
+    try:
+        drive(teleop)
+    except NoTerminalError as error:
+        print(f"softsim up: no teleop: {error}", file=sys.stderr)
+        return False
+    finally:
+        teleop.close()
+    return True
+
+
+def _ignore_signals() -> None:
+    """From here on a second Ctrl-C must not cut the way to the safe pose short."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

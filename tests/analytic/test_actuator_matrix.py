@@ -1,0 +1,181 @@
+"""Every kind of actuator against finite differences, statics, its bounds, and both back ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cable_scenes import bent_bar, cable_joint
+
+from softsim_core import Simulation, load_scene
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.actuation.building import Placed, Surroundings
+from softsim_core.actuation.registry import actuator_kind, actuator_kinds
+from softsim_core.arrays import Array
+from softsim_core.dynamics import Backend
+from softsim_core.dynamics.actuator_statics import rows_on_unknowns
+from softsim_core.dynamics.assembly import Unknowns, static_tangent
+from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mechanics.state import State
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.values import Placement
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"
+load_scene(EXAMPLE)  # registers a kind of actuator
+
+
+def driven() -> SceneDescription:
+    """A bar on a slide with a spring that a prescribed slide carries."""
+    up = JointDescription(name="up", kind="prismatic", axis=(0.0, 0.0, 1.0))
+    aside = JointDescription(
+        name="aside", kind="prismatic", axis=(0.0, 1.0, 0.0), parent="up", stiffness=300.0, inertia=1e-3
+    )
+    return bent_bar(up, aside, held="aside", tip=True)
+
+
+def pulled() -> SceneDescription:
+    """A cable with a largest tension whose pull point is on a springy arm that a slide carries."""
+    up = JointDescription(name="up", kind="prismatic", axis=(0.0, 0.0, 1.0), stiffness=500.0, inertia=1e-3)
+    arm = JointDescription(
+        name="arm",
+        parent="up",
+        base=Placement(translation=(-0.02, 0.0, -0.01), rotation_deg=(0.0, 0.0, 20.0)),
+        stiffness=0.2,
+        inertia=1e-5,
+    )
+    cable = cable_joint(pull_point=(-0.025, 0.003, 0.006), pull_on="arm", max_tension=1.2)
+    return bent_bar(cable, up, arm, tip=True)
+
+
+def tied() -> SceneDescription:
+    """The tendon of the example, aslant and under gravity."""
+    scene = load_scene(EXAMPLE).scene
+    tendon = replace(scene.joints[0].actuator, winch=(0.15, 0.04, 0.08))  # type: ignore[type-var]
+    solver = replace(scene.solver, rayleigh_stiffness=0.05)
+    joint = replace(scene.joints[0], actuator=tendon)
+    return replace(scene, joints=(joint,), gravity=(0.0, 0.0, -9.81), solver=solver)
+
+
+CASES: dict[str, tuple[Callable[[], SceneDescription], list[float]]] = {
+    "joint_drive": (driven, [0.004, -0.006]),
+    "cable": (pulled, [0.006, 0.002, 0.05]),
+    "elastic_tendon": (tied, [0.01]),
+}
+"""Scene of each kind, and a command."""
+
+kinds = pytest.mark.parametrize("kind", CASES)
+
+
+def test_every_registered_kind_is_in_this_matrix() -> None:
+    assert set(actuator_kinds()) == set(CASES)
+
+
+def of_kind(kind: str, simulation: Simulation) -> Actuators:
+    """The actuators of a kind in a scene; drives are built here, as the step takes them into its matrix."""
+    if kind != "joint_drive":
+        return simulation._actuators
+    placed = [Placed(joint.name, j, None) for j, joint in enumerate(simulation.model.joints)]
+    return Actuators([actuator_kind(kind).build(placed, Surroundings(simulation.model, {}, {}))])
+
+
+def bent(simulation: Simulation, rng: np.random.Generator) -> State:
+    """A state away from rest."""
+    state, model = simulation.model.rest_state(), simulation.model
+    at = Unknowns(model)
+    return moved(simulation, state, rng.normal(size=at.size) * 1e-3)
+
+
+def moved(simulation: Simulation, state: State, step: Array) -> State:
+    """A state with all unknowns moved; frames turn by the exponential."""
+    model, at = simulation.model, Unknowns(simulation.model)
+    after = model.empty_state()
+    after.copy_from(state)
+    after.positions[at.free] += step[: at.first_reduced].reshape(-1, 3)
+    for f in range(len(model.frame_names)):
+        shift, turn = step[at.first_reduced + 6 * f :][:6].reshape(2, 3)
+        after.frame_positions[f] += shift
+        after.frame_rotations[f] = rotation_exp(turn) @ after.frame_rotations[f]
+    after.joint_positions += step[at.joints]
+    model.place_regions(after)
+    return after
+
+
+@kinds
+def test_rows_are_the_derivatives_of_the_coordinate(kind: str) -> None:
+    rng = np.random.default_rng(1)
+    simulation = Simulation(CASES[kind][0](), "scipy")
+    model, at, actuators = simulation.model, Unknowns(simulation.model), of_kind(kind, simulation)
+    state = bent(simulation, rng)
+    rows = rows_on_unknowns(model, at, state, actuators.rows(model, state)).on_unknowns
+    for _ in range(5):
+        step = 1e-6 * rng.normal(size=at.size)
+        ahead, behind = (
+            actuators.values(model, moved(simulation, state, sign * step)) for sign in (1.0, -1.0)
+        )
+        assert rows @ step == pytest.approx(0.5 * (ahead - behind), rel=1e-6, abs=1e-13)
+
+
+@kinds
+def test_geometric_stiffness_is_how_the_forces_turn(kind: str) -> None:
+    rng = np.random.default_rng(2)
+    simulation = Simulation(CASES[kind][0](), "scipy")
+    model, at, actuators = simulation.model, Unknowns(simulation.model), of_kind(kind, simulation)
+    state, multipliers = bent(simulation, rng), rng.uniform(0.5, 2.0, len(actuators))
+
+    def forces(where: State) -> Array:
+        return np.asarray(
+            rows_on_unknowns(model, at, where, actuators.rows(model, where)).on_unknowns.T @ multipliers
+        )
+
+    rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
+    on_nodes = (rows.on_nodes.T @ multipliers).reshape(-1, 3)
+    none = 0.0 * rows.on_nodes.T @ rows.on_nodes
+    stiffness = static_tangent(model, at, state, on_nodes, none).toarray()
+    stiffness[at.joints, at.joints] -= at.drive
+    geometric = actuators.geometric_stiffness(model, state, multipliers)
+    across = rows_on_unknowns(model, at, state, geometric.rows).on_unknowns.toarray()
+    stiffness += across.T @ (geometric.weight[:, None] * across)
+    for _ in range(5):
+        way = rng.normal(size=at.size)
+        ahead, behind = (forces(moved(simulation, state, sign * 1e-6 * way)) for sign in (1.0, -1.0))
+        assert way @ stiffness @ way == pytest.approx(-way @ (ahead - behind) / 2e-6, rel=1e-5, abs=1e-7)
+
+
+@kinds
+def test_dynamics_come_to_rest_where_statics_say(kind: str, backend: Backend) -> None:
+    make, command = CASES[kind]
+    simulation = Simulation(make(), backend)
+    still = simulation.equilibrium(command).state
+    simulation.command(command)
+    for _ in range(250):
+        simulation.step()
+    assert np.abs(simulation.positions - still.positions).max() < 1e-7
+    assert np.abs(simulation.joint_positions - still.joint_positions).max() < 1e-7
+    assert simulation.joint_efforts == pytest.approx(still.joint_efforts, rel=1e-5, abs=1e-7)
+
+
+@kinds
+def test_both_back_ends_agree_and_bounds_are_kept(kind: str) -> None:
+    pytest.importorskip("numba")
+    make, command = CASES[kind]
+    fast, readable = (Simulation(make(), each) for each in ("numba", "scipy"))  # type: ignore[arg-type]
+    actuators, rng, reached = of_kind(kind, fast), np.random.default_rng(3), set()
+    for step in range(60):
+        if step % 6 == 0:
+            wanted = (rng.uniform(-1.0, 3.0, len(command)) * command).tolist()
+        for simulation in (fast, readable):
+            simulation.command(wanted)
+            simulation.step()
+        assert np.abs(fast.positions - readable.positions).max() < 1e-9
+        assert np.abs(fast.joint_positions - readable.joint_positions).max() < 1e-9
+        assert np.abs(fast.joint_velocities - readable.joint_velocities).max() < 1e-6
+        lower, upper = actuators.bounds(np.array(wanted))
+        efforts = fast.joint_efforts[actuators.joint]
+        assert (efforts >= lower).all()
+        assert (efforts <= upper).all()
+        reached |= {*np.flatnonzero(efforts == lower), *(10 + np.flatnonzero(efforts == upper))}
+    if kind != "joint_drive":
+        assert 0 in reached  # slack at times

@@ -1,0 +1,273 @@
+"""Every registered protocol of a board: round trip, refusals, noise, detection; and who may name one."""
+
+from __future__ import annotations
+
+import ast
+import math
+import random
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from servo_bridge.driver import ServoDriver
+from servo_bridge.errors import PortError, ProtocolError
+from servo_bridge.link import BoardLink
+from servo_bridge.protocols import (
+    AUTO,
+    Ability,
+    BoardProtocol,
+    Decoded,
+    EncodedPacket,
+    candidates,
+    model_of_board,
+    names,
+    protocol_named,
+    register,
+    registry,
+)
+from servo_bridge.servo import byte_to_angle
+from softsim_core.errors import CommandError, SceneError
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.scene import load_scene
+from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.robot import RobotDescription
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+MIXED = (
+    ServoCalibration(joint="a"),
+    ServoCalibration(joint="b", sign=-1, zero_byte=61, trim_deg=2.5),
+    ServoCalibration(joint="c", byte_min=80, byte_max=100, rest_byte=90),
+)
+BOARD = BoardDescription(servos=MIXED)
+DEGREE = math.pi / 180.0
+
+BUILT_IN = {"ascii_imu", "extended", "legacy"}
+load_scene(REPOSITORY / "examples" / "my_board.py")  # registers one more, as a robot's file does
+EVERY = names()
+
+
+@pytest.fixture
+def registered() -> Iterator[None]:
+    """What a test registers is forgotten after it."""
+    before = dict(registry._registered)
+    yield
+    registry._registered.clear()
+    registry._registered.update(before)
+
+
+@pytest.fixture(params=EVERY)
+def protocol(request: pytest.FixtureRequest) -> BoardProtocol:
+    """A conversation in every protocol."""
+    return protocol_named(request.param)(BOARD)
+
+
+def targets(draw: random.Random) -> list[float]:
+    """Angles in [rad] within the servos' ranges, some of them at the ends."""
+    ends = [sorted(byte_to_angle(byte, each) for byte in (each.byte_min, each.byte_max)) for each in MIXED]
+    return [draw.choice([low, high, draw.uniform(low, high)]) for low, high in ends]
+
+
+def said_by(name: str, seconds: float = 1.0) -> bytes:
+    """What a model of the protocol's board says, driven or not, in so much time."""
+    model, writer = model_of_board(name, 3), protocol_named(name)(BOARD)
+    model.reset(2)
+    said, now = b"", 10.0
+    while now < 10.0 + seconds:
+        model.feed(writer.encode([-1.0, 1.0, -1.5]).data, now)
+        said += model.say(now)
+        now += 0.05
+    return said
+
+
+def test_every_protocol_is_listed() -> None:
+    assert (*sorted(BUILT_IN), "my_board") == EVERY
+    assert {each.name for each in candidates(AUTO, BOARD)} <= BUILT_IN
+
+
+def test_random_targets_arrive_as_they_were_meant(protocol: BoardProtocol) -> None:
+    draw, model = random.Random(5), model_of_board(protocol.name, 3)
+    for step in range(400):
+        angles = targets(draw)
+        packet = protocol.encode(angles)
+        assert model.feed(packet.data, step * 0.02) == [packet.servo_bytes]
+        for told, wanted, servo in zip(packet.angles_rad, angles, MIXED, strict=True):
+            assert abs(told - wanted) <= (2.0 if packet.avoided else 1.0) * DEGREE + 1e-9
+            assert servo.byte_min <= round(servo.sign * told / DEGREE + servo.trim_deg) + servo.zero_byte
+            assert round(servo.sign * told / DEGREE + servo.trim_deg) + servo.zero_byte <= servo.byte_max
+    assert (model.accepted, model.dropped) == (400, 0)
+
+
+def test_targets_beyond_the_servos_are_clipped_to_them(protocol: BoardProtocol) -> None:
+    for angle in (-1e308, -9.0, 9.0, 1e308):
+        for byte, servo in zip(protocol.encode([angle] * 3).servo_bytes, MIXED, strict=True):
+            assert servo.byte_min <= byte <= servo.byte_max
+
+
+@pytest.mark.parametrize(
+    "bad", [[math.nan, -1.0, -1.0], [-1.0, -1.0, math.inf], [-math.inf] * 3, [], [-1.0] * 2, [-1.0] * 4]
+)
+def test_a_pose_that_is_none_is_refused_before_it_is_encoded(
+    protocol: BoardProtocol, bad: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoded: list[object] = []
+    monkeypatch.setattr(protocol, "encode_pose", encoded.append)
+    with pytest.raises(CommandError, match="refused"):
+        protocol.encode(bad)
+    assert not encoded
+
+
+def test_noise_and_damaged_packets_are_no_error_and_no_board(protocol: BoardProtocol) -> None:
+    draw = random.Random(6)
+    own = said_by(protocol.name) + protocol.encode([-1.0, 1.0, -1.5]).data
+    for _ in range(300):
+        assert not protocol.decode(draw.randbytes(draw.randrange(60))).recognised
+    for _ in range(300):
+        cut = bytearray(own[draw.randrange(len(own)) :][: draw.randrange(40)])
+        if cut:
+            cut[draw.randrange(len(cut))] ^= 1 << draw.randrange(8)
+        for reading in protocol.decode(bytes(cut)).tilts:
+            assert max(abs(reading.tilt_x), abs(reading.tilt_y)) <= 2.0 * math.pi
+    assert isinstance(dict(protocol.values()), dict)
+
+
+def test_a_model_takes_no_pose_from_noise_beyond_its_servos(protocol: BoardProtocol) -> None:
+    draw, model = random.Random(7), model_of_board(protocol.name, 3)
+    for step in range(300):
+        packet = bytearray(protocol.encode(targets(draw)).data)
+        packet[draw.randrange(len(packet))] ^= 1 << draw.randrange(8)
+        poses = model.feed(bytes(packet[: draw.randrange(len(packet) + 1)]), step * 0.1)
+        assert all(0 <= degree <= 180 for pose in poses for degree in pose)
+    assert model.accepted < 300
+
+
+@pytest.mark.parametrize("speaker", EVERY)
+def test_a_board_is_recognised_by_its_own_protocol_only(speaker: str) -> None:
+    said = said_by(speaker)
+    for name in EVERY:
+        other = protocol_named(name)(BOARD)
+        heard = [other.decode(said[at : at + 3]) for at in range(0, len(said), 3)]
+        detects = Ability.DETECT in other.abilities
+        assert any(each.recognised for each in heard) == (name == speaker and detects)
+
+
+@pytest.mark.parametrize("speaker", EVERY)
+def test_auto_finds_every_built_in_board_that_says_what_it_is(speaker: str) -> None:
+    link = BoardLink("/dev/board", [each(BOARD) for each in candidates(AUTO, BOARD)], 2.5, 10.0)
+    link.receive(said_by(speaker), 11.0)
+    detected = speaker in BUILT_IN and Ability.DETECT in protocol_named(speaker).abilities
+    assert link.state(11.0) == (speaker if detected else "waiting")
+    link.receive(b"", 11.1)
+    assert link.state(12.6) == (speaker if detected else "legacy")
+
+
+def test_bytes_of_the_boot_loader_and_of_headers_are_not_sent(protocol: BoardProtocol) -> None:
+    draw = random.Random(8)
+    packets = [protocol.encode(targets(draw)).data for _ in range(300)]
+    packets += [protocol.encode([byte_to_angle(100, servo) for servo in MIXED]).data]
+    for packet in packets:
+        assert 100 not in packet
+        assert not any(header in packet[1:] for header in (0xFE, 0xFF))
+
+
+def test_a_robot_s_board_settings_name_its_protocol() -> None:
+    robot = load_scene(REPOSITORY / "examples" / "my_board.py")
+    assert ServoDriver(robot).protocol == "my_board"
+    assert ServoDriver(robot, protocol="legacy").protocol == "legacy"
+    named = load_scene("tripod", {"board": {"protocol": "legacy"}})
+    assert ServoDriver(named).protocol == "legacy"
+    assert ServoDriver(load_scene("tripod")).protocol == AUTO
+
+
+def test_an_unknown_protocol_is_a_sentence_with_the_known_ones() -> None:
+    with pytest.raises(SceneError, match=r"no board protocol is named 'morse'; known: auto, ascii_imu"):
+        ServoDriver(robot_of("morse"))
+    with pytest.raises(ProtocolError, match="has no model of a board with 2 servos"):
+        model_of_board("extended", 2)
+
+
+def robot_of(protocol: str) -> RobotDescription:
+    """A robot with one servo, whose board speaks a protocol."""
+    joint = JointDescription(name="a", limits=JointLimits(-1.5, -0.1, 2.0))
+    board = BoardDescription(servos=(ServoCalibration(joint="a"),), protocol=protocol)
+    return RobotDescription(scene=SceneDescription(name="robot", joints=(joint,)), board=board)
+
+
+class Minimal(BoardProtocol):
+    """The least that a protocol defines."""
+
+    name = "minimal"
+
+    def encode_pose(self, angles_rad: object) -> EncodedPacket:
+        return EncodedPacket(b"x", (90,), (0.0,))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"name": "legacy"}, "the name legacy is taken by LegacyProtocol"),
+        ({"name": "auto"}, "name 'auto' cannot be used"),
+        ({"name": "My board"}, "cannot be used; give small letters"),
+        ({"abilities": Ability.TELEMETRY}, "TELEMETRY needs DETECT"),
+        ({"abilities": Ability.HOLD}, "has the ability HOLD and no method hold"),
+        ({"encode_pose": BoardProtocol.encode_pose}, "does not define encode_pose"),
+    ],
+)
+def test_a_class_that_is_not_whole_is_refused(
+    change: dict[str, object], sentence: str, registered: None
+) -> None:
+    with pytest.raises(ProtocolError, match=re.escape(sentence)):
+        register(type("Mine", (Minimal,), change))
+    with pytest.raises(ProtocolError, match="is no board protocol"):
+        register(object)  # type: ignore[type-var]
+
+
+def test_a_file_that_is_loaded_anew_registers_anew(registered: None) -> None:
+    former = protocol_named("my_board")
+    load_scene(REPOSITORY / "examples" / "my_board.py")
+    assert protocol_named("my_board") is not former
+    assert names() == EVERY
+
+
+@pytest.mark.parametrize("broken", ["decode", "ready", "fault"])
+def test_a_protocol_that_fails_is_a_failed_port(broken: str) -> None:
+    def fail(*arguments: object) -> Decoded:
+        raise ZeroDivisionError("oh")
+
+    body: dict[str, Callable[..., object] | property | object] = {
+        broken: property(fail) if broken == "ready" else fail,
+        "abilities": Ability.DETECT,
+    }
+    if broken != "decode":
+        body["decode"] = lambda self, data: Decoded(recognised=True)
+    link = BoardLink("/dev/board", [type("Mine", (Minimal,), body)(BOARD)], 0.0, 10.0)
+
+    def look() -> None:
+        link.receive(b"", 10.1)
+        link.state(10.1)
+        link.check(10.1)
+
+    with pytest.raises(PortError, match=r"minimal failed on /dev/board \(ZeroDivisionError: oh\)"):
+        look()
+
+
+def sources() -> Iterator[Path]:
+    """Code that must not know one protocol from another: the bridge outside its protocols, and the suite."""
+    for package in ("servo_bridge", "softsim_ros", "softsim_core"):
+        for file in sorted((REPOSITORY / package).rglob("*.py")):
+            if (REPOSITORY / "servo_bridge" / "protocols") not in file.parents:
+                yield file
+
+
+def test_nothing_outside_the_protocols_names_one() -> None:
+    seen = 0
+    for file in sources():
+        seen += 1
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant):
+                assert node.value not in EVERY, f"{file}, line {node.lineno}: names {node.value}"
+            elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servo_bridge.protoc"):
+                assert node.module == "servo_bridge.protocols", f"{file}, line {node.lineno}: {node.module}"
+    assert seen > 100

@@ -1,0 +1,85 @@
+"""The example of a board of one's own: what it prints, and the driver on it within the robot's limits."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from node_processes import spin_until as wait_until
+
+from servo_bridge.driver import ServoDriver
+from servo_bridge.protocols import protocol_named
+from servo_bridge.virtual_board import VirtualBoard
+from softsim_core.scene import load_scene
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_board.py"
+PERIOD, SPEED = 0.02, 2.0
+
+
+def test_it_runs_as_it_stands_and_is_short() -> None:
+    run = subprocess.run(
+        [sys.executable, str(EXAMPLE)],
+        cwd=EXAMPLE.parents[1],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("my_board: ")
+    assert run.stdout.endswith("servos at (121, 99) degrees\n")
+    assert len(EXAMPLE.read_text().splitlines()) <= 80
+
+
+def test_its_packets_are_those_it_describes() -> None:
+    robot = load_scene(EXAMPLE)
+    assert robot.board is not None
+    protocol = protocol_named("my_board")(robot.board)
+    packet = protocol.encode([-89.0 * math.pi / 180.0] * 2)
+    assert packet.data == b"S 90 90 *65\n"
+    assert packet.angles_rad == pytest.approx([math.radians(-89.0)] * 2)
+    assert not protocol.decode(b"hello\nmy_board rea").recognised
+    assert protocol.decode(b"dy\n").recognised
+
+
+def test_the_driver_goes_within_limits_holds_and_ends_at_rest() -> None:  # on a clock of the test's own
+    now = [100.0]
+
+    def wait(duration_s: float) -> None:
+        now[0] += duration_s
+        if (driver.telemetry_age or 0.0) > 0.2:  # the board's clock is the wall's: let it speak in time
+            assert wait_until(lambda: driver.telemetry_age == 0.0)
+
+    driver = ServoDriver(load_scene(EXAMPLE), clock=lambda: now[0], wait=wait)
+    with VirtualBoard(servo_count=2, protocol="my_board") as board:
+        driver.connect(board.port, quiet_s=0.2)
+        assert driver.tick() is None
+        assert board.received == 0
+        assert wait_until(lambda: driver.link_state == "my_board")
+        assert driver.tick() is None  # it has just started
+        driver.start()
+        for _ in range(100):
+            driver.command([-9.0, -1.0])
+            wait(PERIOD)
+            driver.tick()
+        driver.motion.e_stop()
+        for _ in range(5):
+            driver.command([0.0, 0.0])
+            wait(PERIOD)
+            driver.tick()
+        assert board.wait_for(lambda b: b.accepted == 105)
+        poses = [packet.servo_bytes for packet in board.packets]
+        assert poses[0] == (150, 150)
+        assert set(poses[-6:]) == {(93, 121)}  # clipped to -1.5 rad, then held
+        most = math.degrees(SPEED * PERIOD) + 1.0
+        for old, new in pairwise(poses):
+            assert all(abs(a - b) <= most for a, b in zip(old, new, strict=True))
+        driver.motion.clear_e_stop(now[0])
+        assert driver.settle()
+        assert board.wait_for(lambda b: b.servo_bytes == (150, 150))
+        assert board.dropped == 0
+        driver.disconnect()

@@ -1,0 +1,66 @@
+"""Actuators are described and registered in one place; outside it the physics knows no kind of them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from softsim_core.actuation import ActuatorDescription, actuator_kind, actuator_kinds, register_actuator
+from softsim_core.actuation.cable import CableDescription
+from softsim_core.errors import ConfigError, SceneError
+from softsim_core.scene import load_scene
+from softsim_core.scene.description import JointDescription
+
+CORE = Path(__file__).resolve().parents[2] / "softsim_core"
+PHYSICS = ("linalg", "mesh", "fem", "mechanics", "contact", "dynamics", "simulation", "inverse")
+"""Folders that know actuators, but no kind of them."""
+
+
+def test_nothing_outside_actuation_says_cable() -> None:
+    found = [
+        f"{file.relative_to(CORE)}:{number}: {line.strip()}"
+        for folder in PHYSICS
+        for file in sorted((CORE / folder).rglob("*.py"))
+        for number, line in enumerate(file.read_text().splitlines(), start=1)
+        if re.search("cable|tendon|chamber", line, re.IGNORECASE)
+    ]
+    assert found == []
+
+
+def test_an_unknown_kind_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(SceneError, match="unknown actuator kind 'muscle'; known kinds: joint_drive, cable"):
+        actuator_kind("muscle")
+    with pytest.raises(SceneError, match="kind must be one of revolute, prismatic, cable"):
+        JointDescription(name="arm", kind="muscle")
+
+
+def test_a_kind_of_the_package_is_not_replaced() -> None:
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Other(ActuatorDescription):
+        kind: ClassVar[str] = "cable"
+
+    with pytest.raises(SceneError, match="actuator kind 'cable' refused"):
+        register_actuator(Other, lambda placed, surroundings: pytest.fail("is not built"))
+    assert actuator_kinds()["cable"].description is CableDescription
+
+
+@pytest.mark.parametrize(
+    ("joint", "said"),
+    [
+        ("{name: a, kind: cable}", "`cable` and kind = cable belong together"),
+        ("{name: a, cable: {body: b, points: [[0, 0, 0], [1, 0, 0]]}}", "kind = cable belong together"),
+        ("{name: a, kind: cable, cable: {body: b, points: [[0, 0, 0]]}}", r"joints\[0\].cable.points: must"),
+        ("{name: a, kind: cable, cable: {body: b, pionts: []}}", r"cable.pionts: unknown key; did you mean"),
+        ("{name: a, kind: muscle}", r"joints\[0\].kind: must be one of revolute, prismatic, cable"),
+        ("{name: a, actuator: {}}", r"joints\[0\].actuator: unknown key"),
+    ],
+)
+def test_files_give_an_actuator_under_the_key_of_its_kind(joint: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(f"name: own\njoints: [{joint}]\n")
+    with pytest.raises(ConfigError, match=said):
+        load_scene(file)

@@ -1,0 +1,25 @@
+"""The simulator's line in /diagnostics."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("diagnostic_msgs", reason="the message packages are not installed")
+
+from softsim_ros.messages.diagnostics import ERROR, OK, WARN
+from softsim_ros.simulator.health import health
+from softsim_ros.simulator.physics_thread import PhysicsStatus
+
+
+@pytest.mark.parametrize(("count", "told"), [(1, "1 element is inside"), (7, "7 elements are inside")])
+def test_elements_that_are_inside_out_are_counted_and_warned_of(count: int, told: str) -> None:
+    level, sentence, values = health(PhysicsStatus(inverted_elements=count), True, 0.0, "numba")
+    assert level == WARN
+    assert sentence.startswith(told)
+    assert values["inverted_elements"] == count
+
+
+def test_a_fault_stands_before_what_is_inside_out() -> None:
+    status = PhysicsStatus(inverted_elements=3, fault="diverged")
+    assert health(status, True, 0.0, "numba")[:2] == (ERROR, "diverged")
+    assert health(PhysicsStatus(), True, 0.0, "numba")[0] == OK
