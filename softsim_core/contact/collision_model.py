@@ -138,16 +138,18 @@ class CollisionModel:
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _carried(surfaces, nodes, weights, carriers, model)
-        self.moving = any(max(each.frame, each.joint, each.base) >= 0 for each in carriers)
+        self.moving = any(_reduced(each, model) for each in carriers)
         self.least_gap = settings.contact_distance - _SHORTFALL
         self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
         self._fixed = self._still.copy()
         for each in carriers:
             self._fixed[each.vertices] = each.local
-        self._movable = tuple(
-            each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0
-        )
+        movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
+        on_ground = [each for each in movable if each.base >= 0 and not _reduced(each, model)]
+        self._on_ground = tuple(on_ground)  # moves only when somebody moves its base
+        self._bases = np.zeros(0)
+        self._movable = tuple(each for each in movable if each not in on_ground)
         self._spheres = tuple(each for each in carriers if self.carried.radius[each.vertices].any())
         start = self.points(model.rest_state())
         self._detector = Detector(surfaces, start, settings)
@@ -167,12 +169,24 @@ class CollisionModel:
 
     def points(self, state: State) -> Array:
         """Positions of the collision vertices in [m], shape (v, 3)."""
+        if self._on_ground:
+            self._follow_bases(state)
         points = self._fixed.copy()
         points[self.soft] = self._followed(state.positions)
         for carrier in self._movable:
             origin, rotation = _pose(carrier, self.model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
         return points
+
+    def _follow_bases(self, state: State) -> None:
+        """Place anew what stands on bases of the ground, where these have been moved."""
+        bases = np.append(state.base_positions, state.base_shift)
+        if np.array_equal(bases, self._bases):
+            return
+        self._bases = bases
+        for carrier in self._on_ground:
+            origin, rotation = _pose(carrier, self.model, state)
+            self._fixed[carrier.vertices] = origin + carrier.local @ rotation.T
 
     def start(self, before: State) -> Place:
         """The start of a step; most often, the end of the one before."""

@@ -80,6 +80,11 @@ class Stopwatch:
         self.times[part] = self.times.get(part, 0.0) + 1e3 * (now - self._last)
         self._last = now
 
+    def stages(self) -> dict[str, float]:
+        """Of a step with contacts: `detect`, `contact`, and the parts of that."""
+        parts = {part: self.times.get(part, 0.0) for part in ("compliance", "forces", "correct")}
+        return {"detect": self.times.get("detect", 0.0), "contact": sum(parts.values()), **parts}
+
 
 class ContactStepper:
     """A step with rigid bodies and contacts around one without.
@@ -103,18 +108,14 @@ class ContactStepper:
         if model.rigid.names:
             model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
             model.rigid.advance(state, before, model.dt)
-            report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
+            report = _faster(report, state, model.rigid)
         state.warm_start = no_warm_start()
         if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
             if model.rigid.names and np.isfinite(report.top_speed):
                 model.rigid.finish(state, before)
-                report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
+                report = _faster(report, state, model.rigid)
             return report
-        watch = Stopwatch()
-        report = self._hold(free, report, control, collisions, watch)
-        parts = {part: watch.times.get(part, 0.0) for part in ("compliance", "forces", "correct")}
-        detect, contact = watch.times["detect"], sum(parts.values())
-        return replace(report, times={**report.times, "detect": detect, "contact": contact, **parts})
+        return self._hold(free, report, control, collisions)
 
     def _hold(
         self,
@@ -122,14 +123,13 @@ class ContactStepper:
         report: StepReport,
         control: Control,
         collisions: CollisionModel,
-        watch: Stopwatch,
     ) -> StepReport:
         """Solve the contacts of a step, linearised again until the true shapes have room at its end.
 
         Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
         surface even so, all stands still at the last place before that for the rest of the step.
         """
-        state, before = motion.state, motion.before
+        watch, state, before = Stopwatch(), motion.state, motion.before
         self._free.copy_from(state)
         start = collisions.start(before)
         free = collisions.end(start, self._free)
@@ -166,9 +166,10 @@ class ContactStepper:
             best = self._cut(best, state, collisions, start)
         state.warm_start = best.touching.warm_start(best.solution.forces)
         watch.mark("detect")
-        measure = partial(_measure, best, collisions, count)
         return replace(
-            best.report, top_speed=_faster(best.report.top_speed, state, self.model.rigid), measure=measure
+            _faster(best.report, state, self.model.rigid),
+            times={**report.times, **watch.stages()},
+            measure=partial(_measure, best, collisions, count),
         )
 
     def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
@@ -200,7 +201,7 @@ class ContactStepper:
         compliance = np.zeros((len(touching.gap),) * 2)
         if reaches:
             compliance = h * h * motion.compliance(touching.rows)
-            compliance[range(acting), range(acting)] += self.actuators.compliance
+            np.einsum("ii->i", compliance)[:acting] += self.actuators.compliance
         moves = model.rigid.response(before, touching.on_rigid)
         compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
         watch.mark("compliance")
@@ -227,7 +228,7 @@ class ContactStepper:
         if model.rigid.names:
             state.rigid_velocities += (h * (forces @ moves)).reshape(-1, 6)
             model.rigid.advance(state, before, h)
-            report = replace(report, top_speed=_faster(report.top_speed, state, model.rigid))
+            report = _faster(report, state, model.rigid)
         watch.mark("correct")
         return report, solution._replace(forces=forces)
 
@@ -244,11 +245,16 @@ class ContactStepper:
         return self._inner.von_mises(state, parameters)
 
 
-def _faster(speed: float, state: State, rigid: RigidBodies) -> float:
-    """The larger of a speed and those of the rigid bodies in [m/s]; keeps NaN."""
+def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:
+    """The report with the larger of its top speed and those of the rigid bodies in [m/s]; keeps NaN."""
     speeds = np.abs(state.rigid_velocities)
     speeds[:, 3:] *= rigid.gyration[:, None]
-    return float(np.maximum(speeds.max(initial=0.0), speed))
+    speed = float(speeds.max(initial=0.0))
+    return (
+        report
+        if speed <= report.top_speed or report.top_speed != report.top_speed
+        else replace(report, top_speed=speed)
+    )
 
 
 def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactReport:

@@ -74,7 +74,7 @@ class RigidBodies:
             loads: Force in [N] at the centre of mass and moment in [N m] about it, world axes, shape (r, 6).
         """
         state.rigid_velocities[:, :3] += dt * gravity
-        if loads is None:
+        if loads is None or not loads.any():
             return
         state.rigid_velocities[:, :3] += dt * loads[:, :3] / self.mass[:, None]
         for r, rotation in enumerate(state.rigid_rotations):

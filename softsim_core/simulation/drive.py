@@ -90,7 +90,8 @@ class JointDrive:
                 return
         if self.enforce_limits:
             reach = self._speed * dt
-            self.positions = np.clip(self.targets, self.positions - reach, self.positions + reach)
+            nearest = np.minimum(self.targets, self.positions + reach)
+            self.positions = np.maximum(nearest, self.positions - reach)
         else:
             self.positions = self.targets.copy()
 

@@ -16,6 +16,7 @@ from softsim_core.contact.detection.topology import build_topology
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.errors import DetectionOverflowError
+from softsim_core.kernels import OneSignature
 
 _ROOM = 1024  # pairs of features; doubled when a scene needs more
 _MOST_ROOM = 1 << 20
@@ -57,7 +58,7 @@ class Proximities(NamedTuple):
     def chosen(self, which: IndexArray) -> Proximities:
         """Those of numbers `which`, sorted by key."""
         order = which[np.argsort(self.key[which], kind="stable")]
-        return self._replace(**{name: each[order] for name, each in self._asdict().items()})
+        return Proximities(*(each[order] for each in self))
 
     def joined(self, other: Proximities) -> Proximities:
         """These, and others behind them."""
@@ -94,11 +95,12 @@ class Detector:
     ) -> None:
         self.surfaces = surfaces
         self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
-        self._contact_distance = settings.contact_distance
+        self._contact_distance = float(settings.contact_distance)
         self._topology = build_topology(surfaces, self._rest)
         self._boxes = allocate(self._topology)
         self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
         self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
+        self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
 
     def detect(self, points: Array, reach: float) -> Proximities:
         """Foremost contacts of surfaces whose vertices are at `points` (v, 3), nearer than `reach` [m].
@@ -121,13 +123,14 @@ class Detector:
             DetectionOverflowError: more pairs of features come close than are ever listed.
         """
         travel = np.zeros(len(self.surfaces)) if travel is None else travel
+        travel = np.ascontiguousarray(travel, dtype=np.float64)
         points = np.ascontiguousarray(points, dtype=np.float64)
         while True:
             near, found = self._near, self._found
-            needed = sweep(
+            needed = self._sweep(
                 points,
                 self._rest,
-                reach,
+                float(reach),
                 travel,
                 self._contact_distance,
                 self._topology,
@@ -179,7 +182,7 @@ class Detector:
         """
         way = Way(self._rest, before, after, watched, self._contact_distance)
         while True:
-            share, needed = free_share(way, self._topology, self._boxes, self._near)
+            share, needed = self._free_share(way, self._topology, self._boxes, self._near)
             if needed <= len(self._near.leaves):
                 return float(share)
             self._widen(needed)

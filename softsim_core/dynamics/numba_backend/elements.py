@@ -8,6 +8,7 @@ work.
 from __future__ import annotations
 
 from math import sqrt
+from typing import cast
 
 import numpy as np
 
@@ -24,10 +25,10 @@ from softsim_core.dynamics.numba_backend.simd_elements import (
 )
 from softsim_core.linalg.simd import LANES, add_block
 
-FROZEN, CLAMPED, EXACT = np.int64(0), np.int64(1), np.int64(2)
+FROZEN, CLAMPED, EXACT = (cast(int, np.int64(tangent)) for tangent in range(3))
 """Stiffness of an element: of the law `qr` with its rotation frozen; of the law `polar` with negative
-eigenvalues taken as zero, for a step; and its derivative as it is, for an equilibrium. Of one integer type, as
-Numba would compile all that is called once more for each literal."""
+eigenvalues taken as zero, for a step; and its derivative as it is, for an equilibrium. Of one integer type:
+for each literal, Numba would compile all kernels that take it once more."""
 
 ROW = 4 * LANES
 """Numbers in a row of a batch's blocks, all lanes together."""

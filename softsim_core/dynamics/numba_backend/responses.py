@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from itertools import accumulate
+
 import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
@@ -11,7 +14,7 @@ from softsim_core.dynamics.numba_backend.compliance import apply_impulses, respo
 from softsim_core.dynamics.numba_backend.layout import Motion
 from softsim_core.dynamics.numba_backend.prepare import Prepared
 from softsim_core.dynamics.stepper import Condensed
-from softsim_core.linalg.compile import OneSignature
+from softsim_core.kernels import OneSignature
 from softsim_core.linalg.simd import LANES, ROWS
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows
@@ -33,8 +36,11 @@ class Responses:
         at = Unknowns(model)
         self._first, self._prescribed = at.first_reduced, at.prescribed
         self._solved = np.setdiff1d(np.arange(model.reduced_size), at.fixed - at.first_reduced)
+        self._block = np.ix_(self._solved, self._solved)
         self._spans = np.zeros((len(prepared.tree.columns), 2), dtype=np.int64)
-        self._spread = self._arriving = self._answer = np.zeros((0, 0))
+        self._widest = int(prepared.tree.width.max(initial=0))
+        self._lines = int(prepared.tree.columns.max(initial=0)) + 2 * ROWS
+        self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
         self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
         self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
         self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # frames and joints come last
@@ -50,15 +56,15 @@ class Responses:
         size, acting = self.model.reduced_size, len(self.actuators)
         compliance = np.empty((acting + rows.height,) * 2)
         compliance[acting:, acting:] = self._respond(rows, before)
-        schur, arriving = self._left(), self._spread[self._first :, self._column]
+        self._schur = self._left()
+        schur, arriving = self._schur, self._spread[self._first :].take(self._column, axis=1)
         compliance[:acting, :acting] = -schur[size:, size:]
         compliance[:acting, acting:] = -arriving[size:]
         compliance[acting:, :acting] = -arriving[size:].T
         self._arriving = np.concatenate([schur[:size, size:], arriving[:size]], axis=1)
         self._answer = np.zeros_like(self._arriving)
         if len(solved := self._solved):
-            block = schur[np.ix_(solved, solved)]
-            self._answer[solved] = np.linalg.solve(block, self._arriving[solved])
+            self._answer[solved] = np.linalg.solve(schur[self._block], self._arriving[solved])
             compliance += self._arriving.T @ self._answer
         return compliance
 
@@ -76,7 +82,7 @@ class Responses:
         )  # fmt: skip
         if len(free):
             first, held = model.reduced_size - len(free), self._prescribed
-            schur = self._left()[first : model.reduced_size, : model.reduced_size]
+            schur = self._schur[first : model.reduced_size, : model.reduced_size]
             reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
             state.joint_efforts[held] += reaction[held]
             state.joint_efforts -= data.kinematics.stiffness * (state.joint_positions - free)
@@ -99,16 +105,12 @@ class Responses:
         """H A^-1 H^T with frames and joints at rest, (r, r); leaves Y and what reaches them in _spread."""
         data = self.prepared
         padded = rows.height + (-rows.height) % LANES
-        unknowns, lines = len(data.work.factor.solution), int(data.tree.columns.max(initial=0)) + 2 * ROWS
-        self._spread, space, product = self._rooms(
-            (unknowns, padded),
-            (lines * (int(data.tree.width.max(initial=0)) + padded),),
-            (padded, padded),
-        )
+        unknowns, space = len(data.work.factor.solution), self._lines * (self._widest + padded)
+        self._spread, room, product = self._rooms((unknowns, padded), (space,), (padded, padded))
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         self._respond_to(
             *rows, self._column, motion, data.kinematics, data.nodes, data.tree, data.work, self._spread,
-            self._spans, space, product, result,
+            self._spans, room, product, result,
         )  # fmt: skip
         return result
 
@@ -124,10 +126,10 @@ class Responses:
 
     def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
         """Arrays to work in, uninitialised; they are kept for the next call, and grow."""
-        sizes = [int(np.prod(shape)) for shape in shapes]
+        sizes = [math.prod(shape) for shape in shapes]
         if sum(sizes) > len(self._room):
             self._room = np.empty(2 * sum(sizes))
-        ends = np.cumsum(sizes)
+        ends = accumulate(sizes)
         return [
             self._room[end - size : end].reshape(shape)
             for end, size, shape in zip(ends, sizes, shapes, strict=True)

@@ -33,8 +33,8 @@ from softsim_core.dynamics.numba_backend.responses import Responses, motion_of
 from softsim_core.dynamics.numba_backend.tangent import assemble_tangent
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
+from softsim_core.kernels import OneSignature
 from softsim_core.linalg.cholesky import factor, solve_backward
-from softsim_core.linalg.compile import OneSignature
 from softsim_core.linalg.layout import Tree
 from softsim_core.linalg.simd import steady_seconds
 from softsim_core.mechanics.control import Control, Parameters
