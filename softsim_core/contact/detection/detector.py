@@ -58,7 +58,7 @@ class Proximities(NamedTuple):
     def chosen(self, which: IndexArray) -> Proximities:
         """Those of numbers `which`, sorted by key."""
         order = which[np.argsort(self.key[which], kind="stable")]
-        return Proximities(*(each[order] for each in self))
+        return Proximities._make(each[order] for each in self)
 
     def joined(self, other: Proximities) -> Proximities:
         """These, and others behind them."""
