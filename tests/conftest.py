@@ -36,7 +36,9 @@ def reference_dir() -> Path:
     return folder
 
 
-@pytest.fixture(params=[pytest.param("numba", marks=pytest.mark.numba), "scipy"])
+@pytest.fixture(
+    params=[pytest.param("numba", marks=pytest.mark.numba), pytest.param("scipy", marks=pytest.mark.slow)]
+)
 def backend(request: pytest.FixtureRequest) -> str:
     """Both implementations of the time step, one after the other."""
     if request.param == "numba":

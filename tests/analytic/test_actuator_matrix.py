@@ -157,6 +157,7 @@ def test_dynamics_come_to_rest_where_statics_say(kind: str, backend: Backend) ->
     assert simulation.joint_efforts == pytest.approx(still.joint_efforts, rel=1e-5, abs=1e-7)
 
 
+@pytest.mark.slow
 @kinds
 def test_both_back_ends_agree_and_bounds_are_kept(kind: str) -> None:
     pytest.importorskip("numba")

@@ -98,6 +98,7 @@ def test_the_ball_comes_to_lie_on_the_table(simulation: Simulation) -> None:
     assert lowest == pytest.approx(-0.024 + RADIUS + CONTACT, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [-2.0225, -3.0])
 def test_the_silicone_does_not_pass_through_the_servo_tops(simulation: Simulation, angle: float) -> None:
     simulation.enforce_limits = angle >= -2.0225

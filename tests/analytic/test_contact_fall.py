@@ -51,6 +51,7 @@ def tumbling(dt: float, steps: int) -> tuple[list[float], list[Any]]:
     return energies, momenta
 
 
+@pytest.mark.slow
 def test_a_tumbling_box_gains_no_energy_and_keeps_its_momentum_whatever_the_step() -> None:
     for dt, steps in ((0.01, 200), (0.001, 2000)):
         energies, momenta = tumbling(dt, steps)

@@ -90,6 +90,7 @@ def assert_consistent(near: Proximities, points: np.ndarray) -> None:
     assert (np.diff(near.key) > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells", [(1, 1, 1), (4, 3, 2)], ids=["12_triangles", "104_triangles"])
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(turns, turns, seeds)

@@ -32,6 +32,7 @@ def test_each_box_of_a_stack_bears_what_lies_on_it(backend: str) -> None:
         assert above == pytest.approx(0.04 + DISTANCE, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_soft_block_and_a_box_on_it_rest_on_the_floor(friction: float) -> None:
     mesh = box_mesh((0.04, 0.04, 0.02), (4, 4, 2), (-0.02, -0.02, 2.0 * DISTANCE))

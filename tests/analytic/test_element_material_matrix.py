@@ -203,6 +203,7 @@ def test_stiffness_of_the_frames_is_the_same_in_both_back_ends(cell: str, law: s
     np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())
 
 
+@pytest.mark.slow
 @pairs
 def test_energy_does_not_grow_in_free_vibration(cell: str, law: str, backend: str) -> None:
     ready = built(cell, law, attachments=(slab("held", "world", 0.0),), gravity=(0.0, 0.0, 0.0))

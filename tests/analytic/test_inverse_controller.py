@@ -73,6 +73,7 @@ def test_200_goals_within_half_a_second_from_the_start_pose(
         assert report.status == "reached"
 
 
+@pytest.mark.slow
 @pytest.mark.numba
 def test_goals_with_the_qr_law() -> None:
     """Its sensitivities are those of `polar` at the same state; the model that is steered is `qr` itself."""
@@ -144,6 +145,7 @@ def test_starts_from_the_present_joints_and_ramps() -> None:
     assert np.abs(report.command - joints).max() == pytest.approx(STEP, abs=1e-15)
 
 
+@pytest.mark.slow
 def test_joints_outside_their_interval_come_back_at_their_speed() -> None:
     controller = InverseController(load_scene("tripod", kind="robots"))
     controller.start([0.2, 0.0, -1.0], SHIFT)  # the upper limit is -0.0255
@@ -254,6 +256,7 @@ def test_an_old_sensitivity_is_told_with_its_age(
     assert controller.tick().sensitivity_age == 0
 
 
+@pytest.mark.slow
 def test_a_torque_limit_is_kept_and_named() -> None:
     scene = load_scene("tripod", kind="robots")
     free = InverseController(scene)
@@ -284,6 +287,7 @@ def test_a_torque_that_no_pose_near_allows_moves_towards_it_within_the_limits() 
     assert efforts[-1] < 0.06 < efforts[0]
 
 
+@pytest.mark.slow
 def test_the_sampled_back_end_reaches_a_goal() -> None:
     controller = InverseController(load_scene("tripod", kind="robots"), InverseSettings(backend="sampled"))
     controller.start(START, SHIFT)
@@ -319,6 +323,7 @@ def run_against(controller: InverseController, robot: Simulation, offset: Array,
 OFFSET = np.radians([3.0, -3.0, 3.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("modulus", "offset"), [(0.8, OFFSET), (1.2, OFFSET), (1.2, -OFFSET), (0.8, 0 * OFFSET)]
 )
@@ -333,6 +338,7 @@ def test_feedback_brings_another_plant_to_the_goal(
     assert report.status == "reached"
 
 
+@pytest.mark.slow
 def test_without_feedback_the_error_is_reported() -> None:
     controller = InverseController(load_scene("tripod", kind="robots"), InverseSettings(feedback_gain=0.0))
     controller.start(START, SHIFT)
@@ -347,6 +353,7 @@ def test_without_feedback_the_error_is_reported() -> None:
     assert "off the measured pose" in report.sentence
 
 
+@pytest.mark.slow
 def test_a_plant_that_stopped_winds_nothing_up(controller: InverseController) -> None:
     stopped = effector(controller.model)
     controller.set_goal(ahead(controller, z=0.006))

@@ -38,6 +38,7 @@ def test_200_reachable_goals_in_ten_programs_each(kind: str, allowed: int) -> No
     assert len(missed) <= allowed, missed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["position", "height_tilt"])
 def test_reachable_goals(kind: str) -> None:
     sim = tripod_at_start()
@@ -51,6 +52,7 @@ def test_reachable_goals(kind: str) -> None:
         assert found.residual_rad <= 1e-4
 
 
+@pytest.mark.slow
 def test_a_goal_beside_the_workspace_ends_at_a_limit_and_nearest_to_it() -> None:
     sim = tripod_at_start()
     found = solve_pose(sim, PositionTask(np.array([0.2, 0.0, 0.05]), np.ones(3)), most_steps=30)

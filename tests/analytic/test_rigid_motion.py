@@ -56,6 +56,7 @@ def random_inertia(random: np.random.Generator) -> Array:
     return np.asarray(np.trace(points.T @ points) * np.eye(3) - points.T @ points) / 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_momentum_and_energy_stay(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -72,6 +73,7 @@ def test_momentum_and_energy_stay(seed: int) -> None:
     assert state.rigid_rotations[0] @ state.rigid_rotations[0].T == pytest.approx(np.eye(3), abs=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spin", [1e3, 9e3])
 def test_a_spin_far_beyond_the_step_does_not_blow_up(spin: float) -> None:
     bodies, state = one_body(np.diag([1.0, 2.0, 2.7]), spin * np.array([0.6, 0.64, 0.48]))

@@ -107,6 +107,7 @@ def test_start_is_not_changed_and_the_end_is_at_rest() -> None:
     assert not solution.state.reduced_velocities.any()
 
 
+@pytest.mark.slow
 def test_statics_from_a_crumpled_start() -> None:
     """A start with inverted elements leads to the same pose, or to a refusal: never to a wrong answer."""
     built = beam()
@@ -140,6 +141,7 @@ def test_a_free_body_under_gravity_has_no_rest() -> None:
     assert caught.value.iterations > 0
 
 
+@pytest.mark.slow
 def test_a_column_that_buckles_is_not_called_stable() -> None:
     """Straight is an equilibrium at any load; above the critical one nothing would stay in it."""
     built = beam()

@@ -66,6 +66,7 @@ def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_p
             executor.shutdown()
 
 
+@pytest.mark.slow
 def test_the_board_runs_as_a_process_and_publishes_what_it_hears(
     start: Callable[..., Any], client: Any, tmp_path: Path, wait_until: Callable[..., bool]
 ) -> None:

@@ -82,6 +82,7 @@ def test_the_lifecycle_is_closed_then_open_then_sending(
     assert board.dropped == 0
 
 
+@pytest.mark.slow
 def test_joint_states_are_mirrored_by_name(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:
@@ -151,6 +152,7 @@ def values(diagnostics: list[DiagnosticArray]) -> dict[str, str]:
     return {pair.key: pair.value for pair in statuses[-1].values} if statuses else {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_in_the_safe_pose_with_exit_code_0(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, number: signal.Signals
@@ -166,6 +168,7 @@ def test_a_signal_ends_in_the_safe_pose_with_exit_code_0(
     assert "Traceback" not in bridge.output
 
 
+@pytest.mark.slow
 def test_kill_9_leaves_the_port_free_for_the_next_bridge(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:
@@ -182,6 +185,7 @@ def test_kill_9_leaves_the_port_free_for_the_next_bridge(
     assert board.packets[0].servo_bytes == REST
 
 
+@pytest.mark.slow
 def test_a_missing_port_is_a_sentence_and_the_node_stays(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:
@@ -192,6 +196,7 @@ def test_a_missing_port_is_a_sentence_and_the_node_stays(
     assert bridge.end() == 0
 
 
+@pytest.mark.slow
 def test_autostart_waits_for_a_port_that_comes_later(start_bridge: Starter, board: VirtualBoard) -> None:
     board.unplug()
     bridge = start_bridge(autostart="activate")
@@ -200,6 +205,7 @@ def test_autostart_waits_for_a_port_that_comes_later(start_bridge: Starter, boar
     assert sending(board)
 
 
+@pytest.mark.slow
 def test_a_second_bridge_on_the_same_port_is_refused(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:
@@ -211,6 +217,7 @@ def test_a_second_bridge_on_the_same_port_is_refused(
     assert sending(board)
 
 
+@pytest.mark.slow
 def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
@@ -238,6 +245,7 @@ def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     assert "Traceback" not in bridge.output
 
 
+@pytest.mark.slow
 def test_silence_holds_and_then_goes_to_rest(start_bridge: Starter, client: Any, board: VirtualBoard) -> None:
     start_bridge(autostart="activate", hold_timeout=0.6, rest_timeout=0.9, rest_speed=1.0)
     client.publisher(Float64MultiArray, COMMANDS).publish(command(-1.0, -1.0, -1.0))
@@ -269,6 +277,7 @@ def test_the_e_stop_is_latched_until_it_is_cleared(
     assert board.wait_for(at(64, 64, 64))
 
 
+@pytest.mark.slow
 def test_the_board_is_given_its_quiet_time(start_bridge: Starter, client: Any, board: VirtualBoard) -> None:
     start_bridge(open_wait_s=1.0)
     assert client.transition("configure")
@@ -278,6 +287,7 @@ def test_the_board_is_given_its_quiet_time(start_bridge: Starter, client: Any, b
     assert sending(board)
 
 
+@pytest.mark.slow
 def test_parameters_that_need_a_new_configure_are_refused_meanwhile(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:
@@ -300,6 +310,7 @@ def test_parameters_that_need_a_new_configure_are_refused_meanwhile(
     assert board.wait_for(at(100, 100, 100))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

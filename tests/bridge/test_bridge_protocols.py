@@ -47,6 +47,7 @@ def values(diagnostics: list[DiagnosticArray]) -> dict[str, str]:
     return {pair.key: pair.value for pair in found[-1].values} if found else {}
 
 
+@pytest.mark.slow
 def test_an_extended_board_is_found_driven_and_reported(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
@@ -85,6 +86,7 @@ def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     assert client.state() == "active"
 
 
+@pytest.mark.slow
 def test_a_demanded_protocol_that_is_absent_is_a_sentence(
     start_bridge: Starter, client: Any, tmp_path: Path
 ) -> None:
@@ -124,6 +126,7 @@ class ImuBoard:
         os.close(self._slave)
 
 
+@pytest.mark.slow
 def test_an_imu_board_takes_text_and_its_tilts_are_published(
     start_bridge: Starter, client: Any, stream: Starter, wait_until: Starter
 ) -> None:
@@ -150,6 +153,7 @@ def test_an_imu_board_takes_text_and_its_tilts_are_published(
         imu_board.close()
 
 
+@pytest.mark.slow
 def test_the_calibration_of_the_person_is_used_unasked(
     start_bridge: Starter, client: Any, board: VirtualBoard, tmp_path: Path, wait_until: Starter
 ) -> None:
@@ -190,6 +194,7 @@ def test_calibrate_servos_walks_in_a_terminal_and_writes_the_file(
     assert board.model.motion.relaxed
 
 
+@pytest.mark.slow
 def test_a_protocol_that_the_robot_s_own_file_registers_is_found_and_driven(
     start_bridge: Starter, tmp_path: Path
 ) -> None:
@@ -201,6 +206,7 @@ def test_a_protocol_that_the_robot_s_own_file_registers_is_found_and_driven(
         assert board.dropped == 0
 
 
+@pytest.mark.slow
 def test_an_unknown_protocol_leaves_the_bridge_unconfigured_with_a_sentence(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:

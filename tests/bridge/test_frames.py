@@ -107,6 +107,7 @@ def test_one_wrong_bit_is_always_found(frame: Frame, data: st.DataObject) -> Non
     assert frame not in FrameParser().feed(bytes(good))
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=200)
 @given(st.binary(max_size=200), any_frame(), st.binary(max_size=50))
 def test_a_frame_after_rubbish_is_found_however_it_is_cut(before: bytes, frame: Frame, after: bytes) -> None:

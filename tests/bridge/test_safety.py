@@ -222,6 +222,7 @@ events = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=400)
 @given(events)
 def test_no_sequence_of_commands_breaks_position_or_speed_limits(

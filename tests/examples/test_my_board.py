@@ -46,6 +46,7 @@ def test_its_packets_are_those_it_describes() -> None:
     assert protocol.decode(b"dy\n").recognised
 
 
+@pytest.mark.slow
 def test_the_driver_goes_within_limits_holds_and_ends_at_rest() -> None:  # on a clock of the test's own
     now = [100.0]
 

@@ -51,6 +51,7 @@ def told(model: ExtendedBoard, now: float) -> frames.Telemetry:
     return frames.read_telemetry(FrameParser().feed(model.say(now))[-1])
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(script)
 def test_same_commands_same_widths_flags_and_counters(commands: list[tuple[bytes, float]]) -> None:

@@ -172,6 +172,7 @@ def test_telemetry_tells_the_widths_on_the_pins(board: EmulatedBoard) -> None:
     assert board.widths_us() == pytest.approx(said.widths_us, abs=TOLERANCE_US)
 
 
+@pytest.mark.slow
 def test_fuzzed_bytes(board: EmulatedBoard) -> None:
     """100 000 bytes: uniform, and drawn from those that mean something, so that whole packets come about."""
     draw = random.Random(6)
@@ -208,6 +209,7 @@ def mutated(draw: random.Random, packet: bytes) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow
 def test_mutated_packets(board: EmulatedBoard) -> None:
     """10 000 packets and frames, most of them damaged."""
     draw = random.Random(7)
@@ -226,6 +228,7 @@ def test_mutated_packets(board: EmulatedBoard) -> None:
     bounded(board)
 
 
+@pytest.mark.slow
 def test_mutated_settings_never_pass_the_limits(board: EmulatedBoard) -> None:
     """All types of frames, damaged or not, with allowed and forbidden values."""
     draw = random.Random(8)

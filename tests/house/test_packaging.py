@@ -79,6 +79,7 @@ def test_the_workspace_links_to_the_packages(package: str) -> None:
     assert link.resolve() == REPOSITORY / package
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_xml_names_what_the_code_imports(package: str) -> None:
     root = ElementTree.parse(WORKSPACE / package / "package.xml").getroot()

@@ -153,6 +153,7 @@ except RecordingError as error:
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_with_a_sentence_and_a_bag_that_can_be_read(tmp_path: Path) -> None:
     """The size limit of a process fails as a full disk does, in the middle of a record."""
     result = subprocess.run(

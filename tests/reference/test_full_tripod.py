@@ -97,6 +97,7 @@ def test_poses_of_the_independent_computation(reference_dir: Path, level: str, n
     np.testing.assert_allclose(state.joint_positions, expected["theta"], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_nodes_of_pose_a_of_the_independent_computation(reference_dir: Path) -> None:
     nodes = np.loadtxt(reference_dir / "data" / "fixtures" / "tripod_low_A_pose_nodes.csv", delimiter=",")
     sim = Simulation(full_tripod(reference_dir, "low"), backend="scipy")

@@ -127,6 +127,7 @@ def test_it_closes_around_a_plate(
     assert np.array_equal([controller.update(*row) for row in rows], record.command)
 
 
+@pytest.mark.slow
 def test_a_broken_sensor_holds_the_command(start_loop: Any, client: Any, spin_until: Any) -> None:
     loop, plate = start_loop(measure_timeout=0.1, enabled=True)
     refer(client, 0.1, 0.0)
@@ -144,6 +145,7 @@ def test_a_broken_sensor_holds_the_command(start_loop: Any, client: Any, spin_un
     assert loop._said == ""
 
 
+@pytest.mark.slow
 def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: Any) -> None:
     loop, plate = start_loop(enabled=True)
     refer(client, 0.1, 0.05)

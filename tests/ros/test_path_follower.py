@@ -97,6 +97,7 @@ def test_a_plan_is_played_to_its_end(start_follower: Any, spin_until: Any) -> No
     assert spin_until(lambda: len(bench.goals) > count)
 
 
+@pytest.mark.slow
 def test_pause_and_enable(start_follower: Any, spin_until: Any) -> None:
     bench = start_follower(enable_inverse=False, loop=True)
     assert bench.switch("enable", False) == (True, "off: no goals are given")
@@ -196,6 +197,7 @@ def path_message(frame: str = "world", spacing: float = 0.2) -> PathMessage:
     return message
 
 
+@pytest.mark.slow
 def test_a_path_comes_as_a_message(start_follower: Any, client: Any, spin_until: Any) -> None:
     bench = start_follower(None, enable_inverse=False)
     assert bench.start() == (
@@ -226,6 +228,7 @@ def test_a_maze_plan_can_begin_where_the_effector_is(
     assert bench.goals[0].pose.position.z == pytest.approx(0.025, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
     with pytest.raises(ConfigError, match="row 1: must be two finite angles"):
         start_follower('{"anglePlanningTable": [[0.1]]}')

@@ -147,6 +147,7 @@ def test_typed_keys_become_commands(robot: Robot, teleop: TerminalSession) -> No
     quits_cleanly(teleop)
 
 
+@pytest.mark.slow
 def test_unknown_sequences_move_nothing(robot: Robot, teleop: TerminalSession) -> None:
     teleop.type(b"\x1ba\x1b[200~qqz\x1b[A\x1b[201~\x1b[1;3A\x1b]0;qz\x07\x1b[<0;1;1M\xc3\xa9\x1b[24~")
     teleop.type(b"q")
@@ -157,6 +158,7 @@ def test_unknown_sequences_move_nothing(robot: Robot, teleop: TerminalSession) -
     quits_cleanly(teleop)
 
 
+@pytest.mark.slow
 def test_a_held_key_is_rate_limited(robot: Robot, teleop: TerminalSession) -> None:
     begin = time.monotonic()
     while time.monotonic() < begin + 1.0:
@@ -170,17 +172,20 @@ def test_a_held_key_is_rate_limited(robot: Robot, teleop: TerminalSession) -> No
     quits_cleanly(teleop)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_signals_end_it_cleanly(teleop: TerminalSession, number: signal.Signals) -> None:
     teleop.signal(number)
     quits_cleanly(teleop)
 
 
+@pytest.mark.slow
 def test_a_closed_window_ends_it(teleop: TerminalSession) -> None:
     teleop.hang_up()
     assert teleop.wait() == 0
 
 
+@pytest.mark.slow
 def test_what_is_not_running_is_said() -> None:
     with TerminalSession(TELEOP) as session:
         session.wait_for("simulator: no data yet")
@@ -213,6 +218,7 @@ def test_data_that_stops_is_seen(teleop: TerminalSession, robot: Robot) -> None:
     assert robot.received == []
 
 
+@pytest.mark.slow
 def test_another_namespace_by_remapping() -> None:
     with (
         running_robot("left_hand") as robot,
@@ -224,6 +230,7 @@ def test_another_namespace_by_remapping() -> None:
         assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
 
 
+@pytest.mark.slow
 def test_another_robot_by_its_file(tmp_path: Path) -> None:
     file = tmp_path / "pusher.yaml"
     file.write_text(
@@ -332,6 +339,7 @@ REFUSALS: list[tuple[list[str], str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "wanted"), REFUSALS)
 def test_refusals_are_one_sentence(arguments: list[str], wanted: str) -> None:
     result = subprocess.run(

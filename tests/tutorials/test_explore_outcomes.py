@@ -62,6 +62,7 @@ def test_tripod_step_5_heights_of_the_poses() -> None:
     np.testing.assert_allclose(1e3 * np.array(heights), [29.5, 27.6, 43.9, 55.5], atol=0.2)
 
 
+@pytest.mark.slow
 def test_tripod_step_6_the_ball_rides_and_rolls_off() -> None:
     simulation = ran("tripod_step_6", 1.5)
     heights = [simulation.rigid_poses[0].position[2]]
@@ -94,6 +95,7 @@ def test_gripper_step_3_pull_and_tension(pull: float, tension: float) -> None:
     assert ran("gripper_step_3", 2.0, [pull]).actuators[0].tension == pytest.approx(tension, abs=0.02)
 
 
+@pytest.mark.slow
 def test_gripper_step_4_notches_that_meet_need_more_tension() -> None:
     start = load_scene("gripper_step_4").source.parents[1] / "tutorials/cable_gripper/step_4_start.yaml"
     free, met = (ran(scene, 2.0, [0.055]).actuators[0].tension for scene in (str(start), "gripper_step_4"))

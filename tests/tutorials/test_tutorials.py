@@ -65,6 +65,7 @@ def parsed(name: str, words: list[str]) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fence", CONSOLE, ids=str)
 def test_every_command_of_the_text_is_one(fence: Fence, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(REPOSITORY)

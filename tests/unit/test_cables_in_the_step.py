@@ -77,6 +77,7 @@ def free_gaps(simulation: Simulation) -> Array:
     return simulation._stepper.free_motion(state, control, simulation.parameters).violations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("touching", [False, True])
 def test_both_implementations_agree(touching: bool) -> None:
     fast, readable = (Simulation(pulled_beam(touching), backend=each) for each in ("numba", "scipy"))

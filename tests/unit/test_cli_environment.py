@@ -76,6 +76,7 @@ def test_mixing_is_refused_in_one_sentence() -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_the_mark_of_another_environment_does_no_harm() -> None:
     if not environment.has_ros_wheels(Path(sys.prefix)):

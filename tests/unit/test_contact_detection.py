@@ -246,6 +246,7 @@ def test_more_contacts_than_there_was_room_for_are_all_found() -> None:
     assert len(scene.detect(0.002).key) > 1700
 
 
+@pytest.mark.slow
 def test_plain_python_finds_what_the_compiled_kernels_find() -> None:
     """Without Numba the same functions run uncompiled."""
     code = (

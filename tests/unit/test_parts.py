@@ -144,6 +144,7 @@ def run(name: str, steps: int) -> Simulation:
     return simulation
 
 
+@pytest.mark.slow
 def test_servo_demo_swings_and_loops() -> None:
     simulation = run("parts/servo", 251)
     assert simulation.joint_positions == pytest.approx([math.cos(2 * math.pi * 0.25)], abs=1e-12)
@@ -158,6 +159,7 @@ def test_arm_demo_swings_both_arms() -> None:
     assert simulation.joint_positions == pytest.approx([angle, -angle], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_body_demo_sags_around_its_held_hole() -> None:
     simulation = run("parts/elastic_body", 30)
     drop = simulation.model.rest[:, 2] - simulation.positions[:, 2]
@@ -165,6 +167,7 @@ def test_body_demo_sags_around_its_held_hole() -> None:
     assert 0.001 < drop.max() < 0.050
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["parts/tripod", "tripod_step_4_1", "tripod_step_4_2", "tripod_step_4_3"])
 def test_arms_move_to_minus_45_degrees_in_one_second(name: str) -> None:
     simulation = run(name, 51)
@@ -177,6 +180,7 @@ def test_arms_move_to_minus_45_degrees_in_one_second(name: str) -> None:
     assert simulation.joint_targets == pytest.approx([0.0] * 3)
 
 
+@pytest.mark.slow
 def test_what_holds_the_silicone_in_each_step() -> None:
     lowest = {
         name: run(f"tripod_step_{name}", 51).positions[:, 2].min() for name in ("2", "3", "4_1", "4_2", "4_3")

@@ -400,6 +400,7 @@ def plain(data: Any) -> Any:
     return [plain(value) for value in data] if isinstance(data, list) else data
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(scenes())
 def test_yaml_round_trip(scene: RobotDescription) -> None:

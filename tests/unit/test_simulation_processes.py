@@ -66,6 +66,7 @@ def test_two_processes_compute_the_same_bytes(backend: str) -> None:
     assert len(digests.pop().strip()) == 64
 
 
+@pytest.mark.slow
 def test_without_numba_the_readable_step_runs_and_says_so_once() -> None:
     result = python(WITHOUT_NUMBA)
     lines = result.stdout.splitlines()

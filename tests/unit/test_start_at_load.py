@@ -7,6 +7,7 @@ import pytest
 from softsim_core import Simulation, load_scene
 
 
+@pytest.mark.slow
 def test_at_start_plays_the_start_animation_at_load_and_at_every_reset() -> None:
     asked = Simulation(load_scene("tripod", {"start": {"at_start": True}}), backend="scipy")
     by_key = Simulation(load_scene("tripod"), backend="scipy")

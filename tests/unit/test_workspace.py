@@ -31,6 +31,7 @@ def tripod() -> Workspace:
     return workspace
 
 
+@pytest.mark.slow
 def test_it_looks_at_corners_and_between(tripod: Workspace) -> None:
     assert (len(tripod.joints), len(tripod.failed)) == (12, 0)
     assert np.isin(tripod.joints, [-1.5, -0.8]).all(axis=1).sum() == 6  # half of the samples
