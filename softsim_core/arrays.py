@@ -42,9 +42,13 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
             array = np.array(given, dtype=np.float64, order="C")
         except (TypeError, ValueError) as error:
             raise ArrayError(name, shape, "something that is no array of real numbers") from error
-    fits = array.ndim == len(shape)
-    for axis, length in enumerate(shape):
-        fits = fits and length in (-1, array.shape[axis])
-    if not fits:
+    if array.shape != shape and not _fits(array.shape, shape):
         raise ArrayError(name, shape, f"shape {array.shape}")
     return array
+
+
+def _fits(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether a shape is as wanted, where -1 is any length."""
+    return len(given) == len(wanted) and all(
+        want in (-1, have) for have, want in zip(given, wanted, strict=True)
+    )

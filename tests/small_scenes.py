@@ -6,7 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from softsim_core import Simulation
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import TetMesh, boundary, box_mesh
+from softsim_core.scene.control import CommandSettings, StartAnimation
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
@@ -15,6 +18,7 @@ from softsim_core.scene.description import (
     SolverSettings,
 )
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Box, Placement
 
 GRAVITY = 9.81
@@ -107,3 +111,26 @@ def machine(law: str = "polar", **fields: Any) -> SceneDescription:
         attachments=attachments,
         **(defaults | fields),
     )
+
+
+def limited(out_of_range: str = "clamp", speed: float = np.inf) -> RobotDescription:
+    """A beam on a hinge within -1 .. 0.5 rad."""
+    hinge = JointDescription(name="hinge", limits=JointLimits(-1.0, 0.5, speed), axis=(0.0, 1.0, 0.0))
+    beam = body(box_mesh((0.03, 0.01, 0.01), (3, 1, 1)))
+    return RobotDescription(
+        scene=scene(beam, joints=(hinge,), attachments=(slab("root", "hinge", 0.0),)),
+        poses={"up": (0.4,)},
+        start=StartAnimation(pose="up", duration=0.05, base_shift=0.02),
+        commands=CommandSettings(out_of_range=out_of_range),  # type: ignore[arg-type]
+    )
+
+
+def shaken(sim: Simulation, steps: int, seed: int) -> None:
+    """Random commands, pulls and base shifts."""
+    rng = np.random.default_rng(seed)
+    for step in range(steps):
+        if step % 7 == 0:
+            sim.command(rng.uniform(-0.02, 0.02, len(sim.joint_names)))
+            sim.forces[:] = rng.normal(scale=0.01, size=sim.forces.shape)
+            sim.base_shift = rng.uniform(-0.002, 0.002)
+        sim.step()

@@ -30,12 +30,13 @@ class Control:
     rigid_forces: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "targets", float_array(self.targets, (-1,), "targets"))
-        object.__setattr__(self, "forces", float_array(self.forces, (-1, 3), "forces"))
-        object.__setattr__(self, "base_shift", float(self.base_shift))
+        keep = object.__setattr__
+        keep(self, "targets", float_array(self.targets, (-1,), "targets"))
+        keep(self, "forces", float_array(self.forces, (-1, 3), "forces"))
+        keep(self, "base_shift", float(self.base_shift))
         if self.rigid_forces is not None:
             loads = float_array(self.rigid_forces, (-1, 6), "rigid_forces")
-            object.__setattr__(self, "rigid_forces", loads)
+            keep(self, "rigid_forces", loads)
 
     def check(self, joints: int, nodes: int) -> None:
         """Refuse what does not belong to a model of so many joints and nodes.

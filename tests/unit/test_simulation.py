@@ -1,4 +1,4 @@
-"""Simulation: commands and limits, the start animation, snapshots, faults, what one can look at."""
+"""Simulation: what one may pass, faults, what one can look at."""
 
 from __future__ import annotations
 
@@ -9,257 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_scenes import body, machine, scene, slab
+from small_scenes import body, limited, machine, scene, shaken, slab
 
 from softsim_core import Simulation, load_scene
 from softsim_core.dynamics import Backend
 from softsim_core.errors import (
     ArrayError,
-    CommandError,
     MaterialError,
     SceneError,
-    SnapshotError,
     SolverDivergedError,
 )
 from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.control import CommandSettings, StartAnimation
 from softsim_core.scene.description import JointDescription
-from softsim_core.scene.robot import Controller, RobotDescription
+from softsim_core.scene.robot import Controller
 
 A = -1.4965
 DT = 0.01
-
-
-def limited(out_of_range: str = "clamp", speed: float = np.inf) -> RobotDescription:
-    """A beam on a hinge within -1 .. 0.5 rad."""
-    hinge = JointDescription(name="hinge", limits=JointLimits(-1.0, 0.5, speed), axis=(0.0, 1.0, 0.0))
-    beam = body(box_mesh((0.03, 0.01, 0.01), (3, 1, 1)))
-    return RobotDescription(
-        scene=scene(beam, joints=(hinge,), attachments=(slab("root", "hinge", 0.0),)),
-        poses={"up": (0.4,)},
-        start=StartAnimation(pose="up", duration=0.05, base_shift=0.02),
-        commands=CommandSettings(out_of_range=out_of_range),  # type: ignore[arg-type]
-    )
-
-
-def shaken(sim: Simulation, steps: int, seed: int) -> None:
-    """Random commands, pulls and base shifts."""
-    rng = np.random.default_rng(seed)
-    for step in range(steps):
-        if step % 7 == 0:
-            sim.command(rng.uniform(-0.02, 0.02, len(sim.joint_names)))
-            sim.forces[:] = rng.normal(scale=0.01, size=sim.forces.shape)
-            sim.base_shift = rng.uniform(-0.002, 0.002)
-        sim.step()
-
-
-# --- commands ---
-
-
-def test_a_command_is_clamped_and_returned(backend: Backend) -> None:
-    sim = Simulation(limited(), backend=backend)
-    for wanted, accepted in ((0.2, 0.2), (3.0, 0.5), (-7.0, -1.0)):
-        assert sim.command([wanted]).tolist() == [accepted]
-        assert sim.joint_targets.tolist() == [accepted]
-        sim.step()
-        assert sim.joint_positions.tolist() == [accepted]
-
-
-def test_a_scene_may_refuse_instead() -> None:
-    sim = Simulation(limited("refuse"), backend="scipy")
-    sim.command([0.3])
-    with pytest.raises(CommandError, match=r"command 0.6 for joint hinge refused: allowed is \[-1.0, 0.5\]"):
-        sim.command([0.6])
-    assert sim.joint_targets.tolist() == [0.3]
-
-
-def test_without_limits_full_turns_are_allowed(backend: Backend) -> None:
-    sim = Simulation(limited(speed=1.0), backend=backend)
-    sim.enforce_limits = False
-    assert sim.command([7.0]).tolist() == [7.0]
-    sim.step()
-    assert sim.joint_positions.tolist() == [7.0]  # the speed limit is off too
-
-
-@pytest.mark.parametrize("values", [[], [0.1, 0.2], [np.nan], [np.inf]])
-def test_a_wrong_command_changes_nothing(values: list[float]) -> None:
-    sim = Simulation(limited(), backend="scipy")
-    sim.command([0.3])
-    before = sim.snapshot()
-    with pytest.raises(CommandError, match="nothing was moved"):
-        sim.command(values)
-    assert sim.snapshot() == before
-    sim.step()
-    assert sim.joint_positions.tolist() == [0.3]
-
-
-@pytest.mark.parametrize("shift", [np.nan, np.inf])
-def test_a_base_shift_is_finite(shift: float) -> None:
-    sim = Simulation(limited(), backend="scipy")
-    with pytest.raises(CommandError, match="base_shift"):
-        sim.base_shift = shift
-
-
-def test_joints_keep_their_speed_limit(backend: Backend) -> None:
-    sim = Simulation(limited(speed=2.0), backend=backend)
-    sim.command([0.05])
-    reached = []
-    for _ in range(5):
-        sim.step()
-        reached.append(float(sim.joint_positions[0]))
-    assert reached == pytest.approx([0.02, 0.04, 0.05, 0.05, 0.05], abs=1e-15)
-    sim.command([-1.0])
-    for _ in range(200):
-        before = sim.joint_positions[0]
-        sim.step()
-        assert abs(sim.joint_positions[0] - before) <= 2.0 * DT + 1e-12
-    assert sim.joint_positions[0] == -1.0
-
-
-# --- the start animation ---
-
-
-def test_start_animation_of_the_tripod_takes_21_steps(backend: Backend) -> None:
-    """Factors 0, 0.05 .. 1, absolute, not slowed by the speed limit; then the pose is held."""
-    sim = Simulation(load_scene("tripod"), backend=backend)
-    for _ in range(2):  # pressing again starts again from the rest pose
-        sim.start_animation()
-        for i in range(21):
-            sim.step()
-            assert sim.joint_positions == pytest.approx(np.full(3, A * i / 20), abs=1e-12)
-            assert sim.base_shift == pytest.approx(0.035 * i / 20, abs=1e-12)
-            assert sim.joint_targets == pytest.approx(sim.joint_positions)
-    for _ in range(3):
-        sim.step()
-        assert sim.joint_positions == pytest.approx(np.full(3, A))
-        assert sim.base_shift == pytest.approx(0.035)
-
-
-def test_a_command_takes_the_joints_from_the_animation_and_the_bases_still_arrive() -> None:
-    sim = Simulation(limited(), backend="scipy")
-    sim.start_animation()
-    for _ in range(3):
-        sim.step()
-    sim.command([-0.2])
-    for _ in range(3):
-        sim.step()
-    assert sim.joint_positions.tolist() == [-0.2]
-    assert sim.base_shift == pytest.approx(0.02)
-
-
-def test_a_scene_may_play_it_at_once_and_again_after_a_reset() -> None:
-    description = limited()
-    assert description.start is not None
-    sim = Simulation(replace(description, start=replace(description.start, at_start=True)), backend="scipy")
-    for _ in range(2):
-        for _ in range(6):
-            sim.step()
-        assert sim.joint_positions == pytest.approx([0.4])
-        sim.reset()
-
-
-def test_a_scene_without_animation_says_so() -> None:
-    with pytest.raises(SceneError, match="has no start animation"):
-        Simulation(machine(), backend="scipy").start_animation()
-
-
-# --- snapshots ---
-
-
-def test_snapshot_and_restore_give_the_same_bytes(backend: Backend) -> None:
-    sim = Simulation(machine(), backend=backend)
-    shaken(sim, 20, seed=0)
-    saved = sim.snapshot()
-    shaken(sim, 30, seed=1)
-    later = sim.snapshot()
-    assert later != saved
-    sim.restore(saved)
-    assert sim.snapshot() == saved
-    assert sim.step_count == 20
-    shaken(sim, 30, seed=1)
-    assert sim.snapshot() == later
-    fresh = Simulation(machine(), backend=backend)
-    fresh.restore(saved)
-    shaken(fresh, 30, seed=1)
-    assert fresh.snapshot() == later
-
-
-def test_a_snapshot_in_the_middle_of_the_animation(backend: Backend) -> None:
-    sim = Simulation(load_scene("tripod"), backend=backend)
-    sim.step()
-    sim.start_animation()
-    for _ in range(10):
-        sim.step()
-    saved = sim.snapshot()
-    for _ in range(20):
-        sim.step()
-    later = sim.snapshot()
-    other = Simulation(load_scene("tripod"), backend=backend)
-    other.restore(saved)
-    for _ in range(20):
-        other.step()
-    assert other.snapshot() == later
-
-
-def test_a_snapshot_keeps_what_was_tuned(backend: Backend) -> None:
-    sim = Simulation(limited(), backend=backend)
-    sim.set_material("body", young_modulus=3e5, poisson_ratio=0.1)
-    sim.set_damping(rayleigh_stiffness=0.02, rayleigh_mass=1.0)
-    sim.enforce_limits = False
-    sim.command([4.0])
-    saved = sim.snapshot()
-    for _ in range(5):
-        sim.step()
-    later = sim.snapshot()
-    other = Simulation(limited(), backend=backend)
-    other.restore(saved)
-    assert other.material("body").young_modulus == pytest.approx(3e5)
-    assert other.enforce_limits is False
-    for _ in range(5):
-        other.step()
-    assert other.snapshot() == later
-
-
-def test_reset_gives_the_first_bytes(backend: Backend) -> None:
-    sim = Simulation(machine(), backend=backend)
-    first = sim.snapshot()
-    shaken(sim, 20, seed=2)
-    later = sim.snapshot()
-    sim.reset()
-    assert sim.snapshot() == first
-    shaken(sim, 20, seed=2)
-    assert sim.snapshot() == later
-
-
-def test_snapshots_of_other_scenes_and_foreign_bytes_are_refused() -> None:
-    sim = Simulation(limited(), backend="scipy")
-    sim.step()
-    before = sim.snapshot()
-    finer = limited().with_scene(bodies=(body(box_mesh((0.03, 0.01, 0.01), (6, 1, 1))),))
-    other = Simulation(finer, backend="scipy").snapshot()
-    slower = Simulation(limited().with_scene(dt=0.005), backend="scipy").snapshot()
-    for data in (b"", b"not a snapshot", other, slower, before[::-1], bytes(32) + before):
-        with pytest.raises(SnapshotError, match="not a snapshot of this scene"):
-            sim.restore(data)
-    for data in (before[:-1], before[: len(before) // 2], before + b"\0"):
-        with pytest.raises(SnapshotError, match="damaged or cut short"):
-            sim.restore(data)
-    assert sim.snapshot() == before
-
-
-def test_a_snapshot_holds_its_arrays_by_name() -> None:
-    sim = Simulation(limited(), backend="scipy")
-    sim.forces[3] = 0.1
-    sim.step()
-    data = sim.snapshot()
-    for name in ("steps", "state.positions", "state.base_positions", "drive.targets", "parameters.materials"):
-        assert f'"{name}"'.encode() in data
-    assert data.startswith(b"softsim snapshot, version 2")
-    sim.forces[:] = 0.0
-    sim.restore(data)
-    np.testing.assert_array_equal(sim.forces[3], [0.1, 0.1, 0.1])
 
 
 def test_what_is_assigned_to_forces_is_converted_once_or_refused(backend: Backend) -> None:
@@ -290,18 +56,6 @@ def test_a_control_for_another_model_is_refused(backend: Backend) -> None:
             sim._stepper.step(sim._state, control, sim.parameters)
     with pytest.raises(ArrayError, match="forces refused"):
         Control(np.zeros(joints), np.zeros(3))
-
-
-def test_both_backends_read_each_others_snapshots() -> None:
-    pytest.importorskip("numba")
-    fast = Simulation(machine(), backend="numba")
-    shaken(fast, 10, seed=3)
-    readable = Simulation(machine(), backend="scipy")
-    readable.restore(fast.snapshot())
-    assert readable.snapshot() == fast.snapshot()
-
-
-# --- faults ---
 
 
 @pytest.mark.parametrize("force", [1e12, np.nan, -np.inf])
@@ -400,9 +154,6 @@ def test_memory_does_not_grow(backend: Backend) -> None:
 def resident_pages() -> int:
     """Pages of memory that this process holds now."""
     return int(Path("/proc/self/statm").read_text().split()[1])
-
-
-# --- what one can look at ---
 
 
 def test_surfaces_follow_the_body(backend: Backend) -> None:

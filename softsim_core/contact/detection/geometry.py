@@ -212,10 +212,8 @@ def vertex_is_closest(
 ) -> bool:
     """Whether no neighbour of v lies farther along `direction`, by up to `sine` of its distance."""
     p = row(points, v)
-    limit = sine * length(direction)
     for at in range(ring_start[v], ring_start[v + 1]):
-        off = minus(row(points, ring[at]), p)
-        if dot(off, direction) > limit * length(off):
+        if _rises(row(points, ring[at]), p, direction, sine):
             return False
     return True
 
@@ -225,14 +223,18 @@ def edge_is_closest(
     edge: int, at: Vector, direction: Vector, sine: float, opposite: IndexArray, points: Array
 ) -> bool:
     """Whether the edge's triangles do not rise along `direction` from the point `at` of the edge."""
-    limit = sine * length(direction)
     for side in range(2):
         third = opposite[edge, side]
-        if third >= 0:
-            off = minus(row(points, third), at)
-            if dot(off, direction) > limit * length(off):
-                return False
+        if third >= 0 and _rises(row(points, third), at, direction, sine):
+            return False
     return True
+
+
+@kernel
+def _rises(p: Vector, base: Vector, direction: Vector, sine: float) -> bool:
+    """Whether p lies farther along `direction` than `base`, by more than `sine` of the distance."""
+    off = minus(p, base)
+    return bool(dot(off, direction) > sine * length(direction) * length(off))
 
 
 @kernel
