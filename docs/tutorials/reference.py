@@ -20,11 +20,13 @@ from softsim_core.robots import gripper_parts, parts  # noqa: E402
 
 PARTS: tuple[Callable[..., Any], ...] = (
     parts.servo,
+    parts.WheelSpring,
     parts.actuated_arm,
     parts.elastic_body,
     parts.fixing_box,
     parts.tripod_silicone,
     parts.tripod,
+    parts.ServoCircle,
     parts.move_all,
     gripper_parts.cable_finger,
     gripper_parts.cable_gripper,

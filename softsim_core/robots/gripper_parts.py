@@ -40,15 +40,13 @@ def cable_finger(
     pull_point: Vector | None = None,
     pull_on: str | None = None,
     base_to: str = "world",
-    young_modulus: float = 1.8e6,
-    poisson_ratio: float = 0.45,
-    total_mass: float = 0.0198,
     limits: JointLimits = FINGER_LIMITS,
     max_tension: float | None = 30.0,
     collides: bool = True,
-    colour: Colour = (0.0, 0.8, 0.7, 1.0),
 ) -> Part:
-    """A silicone finger with a cable inside: along -y from its base, its notches towards +z.
+    """A silicone finger of 1.8 MPa with a cable inside: along -y from its base, its notches towards +z.
+
+    `cable_finger(...).with_bodies(total_mass=0.03)` sets what has no argument here.
 
     Args:
         name: Name of the body; its joint is `name`_cable, its fixing `name`_base.
@@ -57,13 +55,9 @@ def cable_finger(
             its first point inside.
         pull_on: Name of the joint that carries the pull point; None: fixed in space.
         base_to: What its base moves with: "world" or the name of a joint.
-        young_modulus: Young modulus in [Pa], > 0.
-        poisson_ratio: Poisson ratio in [-], in (-1, 0.5).
-        total_mass: Mass in [kg], > 0.
         limits: Travel in [m] and top speed in [m/s] of the cable.
         max_tension: Largest tension in [N]; None: not limited.
         collides: With its collision surfaces: the whole finger, and the two sides of its notches.
-        colour: Red, green, blue, alpha in 0..1.
 
     Raises:
         ConfigError: the mesh files are not among the configs.
@@ -74,10 +68,10 @@ def cable_finger(
         name=name,
         mesh=MeshFile(file=config_file("meshes/finger_low.vtk"), placement=placement),
         surface=MeshFile(file=config_file("meshes/finger_mid.stl"), placement=placement),
-        material=MaterialDescription(young_modulus=young_modulus, poisson_ratio=poisson_ratio),
-        total_mass=total_mass,
+        material=MaterialDescription(young_modulus=1.8e6, poisson_ratio=0.45),
+        total_mass=0.0198,
         mass_distribution="equal",
-        colour=colour,
+        colour=(0.0, 0.8, 0.7, 1.0),
     )
     cable = CableDescription(
         body=name,

@@ -1,12 +1,13 @@
 """Ready-made parts: functions with parameters that return what `Scene.add` takes, as often as wanted.
 
 scene.add(servo("pan", limits=JointLimits(-1.0, 1.0, 3.5)))
-scene.add(tripod(servos=4, silicone=my_cross))
+scene.add(tripod(ServoCircle(servos=4), silicone=my_cross))
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -18,7 +19,6 @@ from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
     JointDescription,
-    MassDistribution,
 )
 from softsim_core.scene.files import config_file
 from softsim_core.scene.material import MaterialDescription
@@ -37,13 +37,55 @@ _NOWHERE = Placement()
 _FREE = JointLimits()
 
 
+@dataclass(frozen=True, slots=True)
+class WheelSpring:
+    """A spring that pulls a servo's wheel to where it is commanded.
+
+    Attributes:
+        stiffness: In [N m/rad], > 0.
+        inertia: Generalised inertia of the wheel in [kg m^2], >= 0.
+    """
+
+    stiffness: float
+    inertia: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ServoCircle:
+    """Servos on a circle about z, their local x pointing to the centre.
+
+    Attributes:
+        radius: Radius of the circle in [m].
+        servos: How many servos share it, >= 1.
+        angle_shift_deg: Angle of servo 0 in the xy plane in [deg]; the others follow counter-clockwise.
+        height: Height of the wheels' axes in [m].
+    """
+
+    radius: float = 0.060
+    servos: int = 3
+    angle_shift_deg: float = 180.0
+    height: float = -0.00135
+
+    def place(self, index: int) -> Placement:
+        """Base of the servo with a 0-based number."""
+        turn = 360.0 * index / self.servos
+        angle = math.radians(turn + self.angle_shift_deg)
+        return Placement(
+            translation=(self.radius * math.cos(angle), self.radius * math.sin(angle), self.height),
+            rotation_deg=(0.0, 0.0, turn + self.angle_shift_deg - 180.0),
+        )
+
+
+TRIPOD_CIRCLE = ServoCircle()
+"""Where the Tripod's servos are mounted."""
+
+
 def servo(
     name: str,
     base: Placement = _NOWHERE,
     limits: JointLimits = _FREE,
     horn_length: float = 0.0,
-    stiffness: float | None = None,
-    inertia: float = 0.0,
+    spring: WheelSpring | None = None,
 ) -> Part:
     """A hobby servo: one wheel that turns about the local y axis of its base.
 
@@ -53,8 +95,7 @@ def servo(
             along local z, a positive angle turns it towards local x.
         limits: Range in [rad] and top speed in [rad/s].
         horn_length: Length in [m] of the arm on the wheel, for pictures only.
-        stiffness: None: the wheel is exactly where it is commanded; a number: a spring in [N m/rad] pulls it.
-        inertia: Generalised inertia in [kg m^2] of a wheel with stiffness.
+        spring: What pulls the wheel; None: it is exactly where it is commanded.
     """
     joint = JointDescription(
         name=name,
@@ -63,8 +104,8 @@ def servo(
         slide_axis=(1.0, 0.0, 0.0),
         limits=limits,
         horn_length=horn_length,
-        stiffness=stiffness,
-        inertia=inertia,
+        stiffness=None if spring is None else spring.stiffness,
+        inertia=0.0 if spring is None else spring.inertia,
     )
     return Part(joints=(joint,))
 
@@ -77,8 +118,7 @@ def actuated_arm(
     holds: str | None = None,
     tip: str | None = None,
     tip_size: Vector = _TIP_SIZE,
-    stiffness: float | None = None,
-    inertia: float = 0.0,
+    spring: WheelSpring | None = None,
 ) -> Part:
     """A servo with an arm, whose end may hold a piece of a deformable body rigidly.
 
@@ -90,10 +130,9 @@ def actuated_arm(
         holds: Name of the body that the arm holds; None holds nothing.
         tip: Name of the attachment; None: the joint's name + "_tip".
         tip_size: Box around the end of the arm whose nodes are held, along the local axes, in [m].
-        stiffness: As in `servo`.
-        inertia: As in `servo`.
+        spring: As in `servo`.
     """
-    arm = servo(name, base, limits, arm_length, stiffness, inertia)
+    arm = servo(name, base, limits, arm_length, spring)
     if holds is None:
         return arm
     box = Box(center=(0.0, 0.0, arm_length), size=tip_size)
@@ -111,12 +150,11 @@ def elastic_body(
     total_mass: float = 0.032,
     surface: str | PathLike[str] | MeshFile | None = None,
     placement: Placement = _NOWHERE,
-    colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.5),
-    *,
     density: float | None = None,
-    mass_distribution: MassDistribution = "volume",
 ) -> Part:
     """A deformable body with linear elastic corotational tetrahedra.
+
+    `elastic_body(...).with_bodies(mass_distribution="equal")` sets what has no argument here.
 
     Args:
         name: Name of the body.
@@ -126,10 +164,7 @@ def elastic_body(
         total_mass: Mass in [kg], > 0; not used with a density.
         surface: File of a finer visual surface that follows the body; None shows the tetrahedra's boundary.
         placement: Where the mesh and surface files sit; a MeshFile or TetMesh has its own place.
-        colour: Red, green, blue, alpha in 0..1.
         density: Mass per volume in [kg/m^3], > 0; None takes `total_mass`.
-        mass_distribution: Each element's mass goes to its nodes ("volume"), or every node has the same
-            ("equal").
     """
 
     def placed(file: str | PathLike[str] | MeshFile) -> MeshFile:
@@ -141,9 +176,8 @@ def elastic_body(
         material=MaterialDescription(young_modulus=young_modulus, poisson_ratio=poisson_ratio),
         density=density,
         total_mass=total_mass if density is None else None,
-        mass_distribution=mass_distribution,
         surface=None if surface is None else placed(surface),
-        colour=colour,
+        colour=(1.0, 1.0, 1.0, 0.5),
     )
     return Part(bodies=(body,))
 
@@ -199,62 +233,35 @@ def tripod_silicone(
         total_mass,
         surface=config_file(f"meshes/tripod_{'mid' if level == 'low' else level}.stl"),
         placement=Placement(translation=(0.0, 0.0, height)),
-        mass_distribution="equal",
-    )
-
-
-def servo_place(index: int, servos: int, radius: float, angle_shift_deg: float, height: float) -> Placement:
-    """Base of one of several servos on a circle about z, its local x pointing to the centre.
-
-    Args:
-        index: 0-based number of the servo.
-        servos: How many servos share the circle.
-        radius: Radius of the circle in [m].
-        angle_shift_deg: Angle of servo 0 in the xy plane in [deg].
-        height: Height of the wheel's axis in [m].
-    """
-    turn = 360.0 * index / servos
-    angle = math.radians(turn + angle_shift_deg)
-    return Placement(
-        translation=(radius * math.cos(angle), radius * math.sin(angle), height),
-        rotation_deg=(0.0, 0.0, turn + angle_shift_deg - 180.0),
-    )
+    ).with_bodies(mass_distribution="equal")
 
 
 def tripod(
-    radius: float = 0.060,
-    servos: int = 3,
-    angle_shift_deg: float = 180.0,
+    circle: ServoCircle = TRIPOD_CIRCLE,
     silicone: Part | BodyDescription | None = None,
     limits: JointLimits = TRIPOD_LIMITS,
-    servo_height: float = -0.00135,
     arm_length: float = 0.025,
     tips: Literal["servo", "free", "none"] = "servo",
     centre_radius: float | None = 0.0075,
-    stiffness: float | None = None,
-    inertia: float = 0.0,
+    spring: WheelSpring | None = None,
 ) -> Part:
     """The Tripod: servos on a circle, each holding one end of a silicone piece; its centre is the effector.
 
     Args:
-        radius: Radius in [m] of the circle of servos.
-        servos: Number of servos, >= 1; joints servo_0, servo_1, ...
-        angle_shift_deg: Angle of servo 0 in the xy plane in [deg]; the others follow counter-clockwise.
+        circle: Where the servos stand, and how many; joints servo_0, servo_1, ...
         silicone: The piece they hold, one body; None: `tripod_silicone()`.
         limits: Range in [rad] and top speed in [rad/s] of every servo.
-        servo_height: Height in [m] of the servos' wheel axes.
         arm_length: Length in [m] of the arms.
         tips: What the ends of the silicone move with: "servo" arms, "free" rigid frames, "none" (soft).
         centre_radius: Nodes within this distance in [m] of the middle of the upper face, taken 5 mm above
             the end of the arms, form a rigid frame "centre", the effector; None leaves them soft.
-        stiffness: As in `servo`.
-        inertia: As in `servo`.
+        spring: As in `servo`.
 
     Raises:
         SceneError: no servo, or not exactly one silicone body.
     """
-    if servos < 1:
-        raise SceneError(f"tripod: needs at least one servo, not {servos}")
+    if circle.servos < 1:
+        raise SceneError(f"tripod: needs at least one servo, not {circle.servos}")
     if silicone is None:
         silicone = tripod_silicone()
     bodies = silicone.bodies if isinstance(silicone, Part) else (silicone,)
@@ -262,18 +269,10 @@ def tripod(
         raise SceneError(f"tripod: silicone must be one body, not {len(bodies)}")
     joints: list[JointDescription] = []
     zones: list[AttachmentDescription] = []
-    for index in range(servos):
-        name = f"servo_{index}"
-        base = servo_place(index, servos, radius, angle_shift_deg, servo_height)
+    for index in range(circle.servos):
+        base = circle.place(index)
         arm = actuated_arm(
-            name,
-            base,
-            limits,
-            arm_length,
-            bodies[0].name,
-            f"tip_{index}",
-            stiffness=stiffness,
-            inertia=inertia,
+            f"servo_{index}", base, limits, arm_length, bodies[0].name, f"tip_{index}", spring=spring
         )
         joints += arm.joints
         if tips == "servo":

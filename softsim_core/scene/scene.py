@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 from softsim_core.actuation.animation import Mode, check_animation, factor_at, is_over
 from softsim_core.contact.settings import ContactSettings
@@ -43,6 +43,10 @@ class Part:
     collisions: tuple[CollisionDescription, ...] = ()
     controllers: tuple[Controller, ...] = ()
     effector: str | None = None
+
+    def with_bodies(self, **fields: Any) -> Part:
+        """The same part with fields of its bodies set anew, such as colour=(1.0, 0.0, 0.0, 1.0)."""
+        return replace(self, bodies=tuple(replace(body, **fields) for body in self.bodies))
 
 
 @dataclass(slots=True, kw_only=True)

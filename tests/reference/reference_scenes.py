@@ -12,7 +12,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.limits import JointLimits
-from softsim_core.robots.parts import elastic_body, tripod
+from softsim_core.robots.parts import WheelSpring, elastic_body, tripod
 from softsim_core.scene import Scene, load_scene
 from softsim_core.scene.control import CommandSettings, StartAnimation
 from softsim_core.scene.description import SolverSettings
@@ -62,10 +62,11 @@ def full_tripod(reference_dir: Path, level: str) -> RobotDescription:
     scene.commands = CommandSettings(enforce_limits=False)
     scene.add(
         tripod(
-            silicone=elastic_body("silicone", silicone_mesh(reference_dir, level), mass_distribution="equal"),
+            silicone=elastic_body("silicone", silicone_mesh(reference_dir, level)).with_bodies(
+                mass_distribution="equal"
+            ),
             limits=JointLimits(),
-            stiffness=SERVO_STIFFNESS,
-            inertia=SERVO_INERTIA,
+            spring=WheelSpring(SERVO_STIFFNESS, SERVO_INERTIA),
         )
     )
     scene.poses = {"start": (-1.4965, -1.4965, -1.4965)}

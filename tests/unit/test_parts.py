@@ -63,7 +63,7 @@ def test_tripod_part_is_the_robot_of_the_config(level: str) -> None:
 
 def test_other_tripods_are_valid() -> None:
     scene = described(
-        parts.tripod(radius=0.08, servos=4, angle_shift_deg=90.0, limits=JointLimits(-1.0, 1.0))
+        parts.tripod(parts.ServoCircle(0.08, 4, angle_shift_deg=90.0), limits=JointLimits(-1.0, 1.0))
     )
     assert scene.joint_names == ("servo_0", "servo_1", "servo_2", "servo_3")
     for joint in scene.joints:
@@ -106,7 +106,7 @@ def test_parts_can_be_used_several_times() -> None:
         parts.fixing_box("spring", "one", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), stiffness=10.0),
         parts.servo("a"),
         parts.actuated_arm("b", holds="one", base=Placement(translation=(1.0, 0.0, 0.0))),
-        parts.actuated_arm("c", holds="two", tip="end", stiffness=10.0, inertia=0.1),
+        parts.actuated_arm("c", holds="two", tip="end", spring=parts.WheelSpring(10.0, inertia=0.1)),
     )
     assert [body.name for body in scene.scene.bodies] == ["one", "two"]
     assert [each.name for each in scene.scene.attachments] == [
@@ -122,7 +122,7 @@ def test_parts_can_be_used_several_times() -> None:
 
 def test_mistakes() -> None:
     with pytest.raises(SceneError, match="at least one servo, not 0"):
-        parts.tripod(servos=0)
+        parts.tripod(parts.ServoCircle(servos=0))
     with pytest.raises(SceneError, match="one body, not 0"):
         parts.tripod(silicone=Part())
     with pytest.raises(ConfigError, match=r"meshes/tripod_huge\.vtk: no such file"):
