@@ -133,7 +133,7 @@ def play(shot: Shot) -> Iterator[tuple[Simulation, Pose | None]]:
             simulation.command(command)
         if shot.goal is not None and simulation.time >= 0.5:
             if inverse is None:
-                inverse = InverseController(simulation.scene)
+                inverse = InverseController(simulation.robot)
                 inverse.start(simulation.joint_targets, simulation.base_shift)
                 position, angles = shot.goal
                 goal = Pose(np.array(position), quaternion_of(rotation_euler(np.array(angles))))
