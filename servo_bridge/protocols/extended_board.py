@@ -18,10 +18,13 @@ FRAME_S = 0.020
 """Period of the servo pulses in [s]; once in it the widths move."""
 
 TICKS_PER_US = 2
+SLEW_US_PER_FRAME = 61.0
+"""Largest change of a width in a frame in [us], unless SLEW sets another."""
+
 PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
 SLEW_MAX_US = 124
 
-_SLEW, _CREEP = 122, 20  # ticks a frame
+_SLEW, _CREEP = round(SLEW_US_PER_FRAME * TICKS_PER_US), 20  # ticks a frame
 _HOLD_FRAMES, _REST_FRAMES = 25, 100
 _REST_BYTE = 150
 _LARGEST_LAG_S = 0.5
@@ -140,13 +143,14 @@ class ExtendedBoard(BoardModel):
         refused: Well-formed packets and frames refused for what they ask.
         seq: Sequence number of the newest accepted frame.
         silent: Say nothing any more, as a board that hangs.
+        deaf: Hear nothing any more, as behind a broken wire.
         motion: The servos.
     """
 
     say_period_s = TELEMETRY_PERIOD_S
 
     def __init__(self, legacy: PacketParser) -> None:
-        self.silent = False
+        self.silent = self.deaf = False
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
         self.reset()
@@ -180,6 +184,8 @@ class ExtendedBoard(BoardModel):
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Take bytes; the poses accepted among them as degrees of the servos, rounded, oldest first."""
         self.motion.advance(now)
+        if self.deaf:
+            return []
         poses = []
         for value in data:  # in the order of arrival, whatever the protocol
             byte = bytes([value])
