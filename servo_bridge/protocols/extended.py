@@ -144,7 +144,7 @@ class ExtendedProtocol(BoardProtocol):
         self._following.begin()
 
     def limits(self) -> bytes:
-        """SET_LIMITS with the widths of every servo's range; repetitions keep their number."""
+        """SET_LIMITS with range and rest of every servo; repetitions keep their number."""
         if self._limits_seq is None:
             self._limits_seq = self._next_seq()
             if self.telemetry is not None and self._limits_seq == self.telemetry.seq:

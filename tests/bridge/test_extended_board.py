@@ -228,7 +228,8 @@ def test_widths_of_nominal_angles_are_those_of_the_bytes(sign: int, zero: int) -
         assert abs(angle_to_width(angle, servo) - byte_to_width(byte)) <= 0.5 + 1e-6
         assert width_to_angle(byte_to_width(byte), servo) == pytest.approx(angle)
     for angle in (-1e308, -1e9, -3.0, 0.0, 3.0, 1e9, 1e308):
-        low, high = width_limits(servo)
+        low, rest, high = width_limits(servo)
+        assert low <= rest <= high
         assert low <= angle_to_width(angle, servo) <= high
 
 
