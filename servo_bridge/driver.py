@@ -28,7 +28,7 @@ from softsim_core.mechanics.limits import check_command
 from softsim_core.scene.robot import RobotDescription
 
 REST_REPEATS = 3
-"""Rest packets sent at the end, so that one byte lost on the line does not decide where the servos stay."""
+"""Last packets are sent so often: one byte lost on the line does not decide where the servos stay."""
 
 STALL_S = 0.4
 """Longer without a tick in [s], and the bridge stood still: a board of ours holds after 0.5 s by itself."""
@@ -215,7 +215,9 @@ class ServoDriver:
             relax: Switch the pulses off first, where the board can and its servos were left at rest.
         """
         with self._lock:
-            if relax:
+            if self.motion.e_stop.latched:
+                self.hold_board()
+            elif relax:
                 self._relax()
             reader, self._reader = self._reader, None
             transport, self._transport = self._transport, None
@@ -229,8 +231,8 @@ class ServoDriver:
     def _relax(self) -> None:
         if self._transport is None or self.link is None or not self._board_moved or self.waiting:
             return
-        if self.motion.e_stop.latched or not self.motion.at_rest:
-            return  # an e-stop holds
+        if not self.motion.at_rest:
+            return
         with contextlib.suppress(PortError):
             with self.link.speaking() as board:
                 packet = board.relax() if Ability.RELAX in board.abilities else b""
@@ -301,11 +303,15 @@ class ServoDriver:
             PortError: the port vanished or takes no data; the pose stays the last one sent.
         """
         with self._lock:
+            latched = self.motion.e_stop.latched
             try:
                 return self._tick(self._clock())
             except PortError:
                 self._end_course()
                 raise
+            finally:
+                if latched:
+                    self.motion.e_stop.heed()
 
     def listen(self) -> None:
         """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
@@ -360,7 +366,8 @@ class ServoDriver:
         """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
         with self._lock, contextlib.suppress(PortError):
             if self._transport is not None and self.link is not None and not self.waiting:
-                self._write_hold(self._transport, self.link)
+                for _ in range(REST_REPEATS):
+                    self._write_hold(self._transport, self.link)
 
     def _tick(self, now: float) -> tuple[int, ...] | None:
         if self._transport is None or self.link is None:

@@ -16,7 +16,7 @@ class EStop:
     def __init__(self) -> None:
         self.count = 0
         self._numbers = itertools.count(1)
-        self._latched = threading.Event()
+        self._latched, self._heeded = threading.Event(), threading.Event()
 
     @property
     def latched(self) -> bool:
@@ -25,8 +25,17 @@ class EStop:
 
     def latch(self) -> None:
         """Stop every servo with the next packet, until `clear`."""
+        self._heeded.clear()
         self.count = next(self._numbers)
         self._latched.set()
+
+    def heed(self) -> None:
+        """Whoever writes packets has told the board, or has nothing to tell it."""
+        self._heeded.set()
+
+    def wait_heeded(self, timeout_s: float) -> bool:
+        """Wait until the packet after `latch` has left; False where nobody writes packets for so long."""
+        return self._heeded.wait(timeout_s)
 
     def clear(self) -> None:
         """Allow motion again; nothing moves before the next command."""

@@ -12,9 +12,14 @@ from servo_bridge.e_stop import EStop
 
 SPIN_PERIOD_S = 0.1
 
+HEED_S = 0.25
+"""Longest wait in [s] for the packet that carries the stop: more than a period of the slowest rate."""
+
 
 class EStopServices:
-    """Both services on a node, an executor and a thread of their own; they set a latch and wait for nobody.
+    """Both services on a node, an executor and a thread of their own; they set a latch, which waits for nobody.
+
+    A stop is answered when the packet that carries it has left, or when it is clear that there is none.
 
     Args:
         bridge: Gives the services their names, remapped as its own would be, and the log.
@@ -61,6 +66,7 @@ class EStopServices:
 
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()
+        self._e_stop.wait_heeded(HEED_S)
         response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
         self._logger.warning(response.message)
         return response

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from node_processes import spin_until
+from board_driving import TestClock, Wait, flags, robot, run, take_over
 
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
@@ -16,39 +16,7 @@ from servo_bridge.protocols.frames import FIRMWARE_VERSION, BoardFlags, set_widt
 from servo_bridge.servo import angle_to_width, byte_to_angle, byte_to_width, width_limits, width_to_angle
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import SceneError
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
-from softsim_core.scene.robot import RobotDescription
-
-PERIOD = 0.02
-Wait = Callable[..., bool]
-
-
-def robot(count: int = 3, **servo: int) -> RobotDescription:
-    names = [f"j{number}" for number in range(count)]
-    limits = JointLimits(-2.0225, -0.0255, 3.5, 1e9)
-    return RobotDescription(
-        scene=SceneDescription(
-            name="robot", joints=tuple(JointDescription(name=name, limits=limits) for name in names)
-        ),
-        board=BoardDescription(servos=tuple(ServoCalibration(joint=name, **servo) for name in names)),
-    )
-
-
-class TestClock:
-    """A clock that moves only when told to."""
-
-    __test__ = False
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-    def wait(self, duration_s: float) -> None:
-        self.now += duration_s
+from softsim_core.scene.board import ServoCalibration
 
 
 @pytest.fixture
@@ -70,24 +38,6 @@ def driver(board: VirtualBoard, clock: TestClock, wait_until: Wait) -> Iterator[
     assert wait_until(lambda: made.link_state == "extended")
     yield made
     made.disconnect()
-
-
-def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[int, ...] | None]:
-    sent = []
-    for _ in range(round(duration_s / PERIOD)):
-        clock.wait(PERIOD)
-        sent.append(driver.tick())
-    return sent
-
-
-def take_over(driver: ServoDriver) -> None:
-    """Tick until the board has told where it stands and was sent the first pose."""
-    assert spin_until(lambda: driver.tick() is not None)
-
-
-def flags(driver: ServoDriver) -> BoardFlags:
-    assert driver.link is not None
-    return BoardFlags(0) if driver.link.board.telemetry is None else driver.link.board.telemetry.flags
 
 
 def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(

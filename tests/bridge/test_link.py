@@ -91,10 +91,22 @@ def test_a_board_of_another_version_is_a_sentence() -> None:
         link.check(11.0)
 
 
+def test_a_computer_that_slept_has_not_lost_its_board() -> None:
+    link = opened()
+    link.receive(said(), 11.0)
+    link.receive(b"", 3611.0)
+    link.check(3611.0)
+    link.receive(said(), 3611.05)
+    for look in range(1, 10):
+        link.receive(b"", 3611.05 + 0.05 * look)
+    link.check(3611.5)
+
+
 def test_half_a_second_without_telemetry_is_a_lost_board() -> None:
     link = opened()
     link.receive(said(), 11.0)
-    link.receive(b"", 11.5)
+    for look in range(1, 11):
+        link.receive(b"", 11.0 + 0.05 * look)
     link.check(11.5)
     link.receive(b"", 11.51)
     with pytest.raises(PortError, match=r"no telemetry from the board on /dev/board for 0\.5 s"):
