@@ -17,7 +17,7 @@ HEED_S = 0.25
 
 
 class EStopServices:
-    """Both services on a node, an executor and a thread of their own; they set a latch, which waits for nobody.
+    """Both services on a node, an executor and a thread of their own; they set a latch.
 
     A stop is answered when the packet that carries it has left, or when it is clear that there is none.
 
