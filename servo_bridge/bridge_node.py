@@ -125,8 +125,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._driver.start()
             self._sending = True
             self._trouble = ""
-            self._lost = None
-            if self._writer is None:
+            if self._writer is None:  # it died, and was not started anew by itself
                 self._start_writer()
         self.get_logger().info(f"sending to {self._driver.port} at {1.0 / self._driver.period:g} Hz")
         return super().on_activate(state)
@@ -240,6 +239,9 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _start_writer(self) -> None:
         self._stop_writer()
+        self._lost = (
+            None  # of the port before; what this writer finds is not forgotten, also while activating
+        )
         if self._driver is not None:
             self._writer = PeriodicThread(self._tick, self._driver.period)
 
