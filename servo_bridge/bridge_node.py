@@ -223,7 +223,8 @@ class ServoBridge(GuardedLifecycleNode):
                 return
             end = time.monotonic() + timeout_s + SETTLING_MARGIN_S
             while not driver.settled.wait(SUPERVISION_PERIOD_S):
-                if writer.failure is not None or time.monotonic() > end:
+                ended = writer.failure is not None or self._lost is not None
+                if ended or time.monotonic() > end:
                     driver.stand_by()
             if not (driver.arrived or self._e_stop.latched):
                 self.get_logger().warning("the servos have not reached rest; they stay where they are")
@@ -239,9 +240,7 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _start_writer(self) -> None:
         self._stop_writer()
-        self._lost = (
-            None  # of the port before; what this writer finds is not forgotten, also while activating
-        )
+        self._lost = None  # of the port before; what this writer will find is kept, also while activating
         if self._driver is not None:
             self._writer = PeriodicThread(self._tick, self._driver.period)
 
