@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from servo_bridge.board_port import BoardPort
 from servo_bridge.e_stop import EStop
 from servo_bridge.errors import PortError, ProtocolError
-from servo_bridge.link import BoardLink, Reader
+from servo_bridge.link import BoardLink
 from servo_bridge.protocols import AUTO, WAITING, Ability, BoardProtocol, TiltReading, candidates
 from servo_bridge.safety import MotionSettings, ServoMotion, servo_limits
 from servo_bridge.servo import bytes_to_angles
@@ -67,7 +68,7 @@ class DriverCounts:
     restarts: int = 0
 
 
-class ServoDriver:
+class ServoDriver(BoardPort):
     """Sends the newest command to the board, through limits and ramps, one packet a tick.
 
     Args:
@@ -109,14 +110,13 @@ class ServoDriver:
             raise SceneError(
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
-        self.board, self.servos = robot.board, robot.board.servos
         try:
-            self._candidates = candidates(protocol, self.board)
+            spoken = candidates(protocol, robot.board)
         except ProtocolError as error:
             raise SceneError(f"robot {robot.name}: {error}") from error
-        self.protocol = self._candidates[0].name if len(self._candidates) == 1 else AUTO
-        self.baud_rate = baud_rate or self._candidates[-1].baud_rate or self.board.baud_rate
-        self.on_tilt = on_tilt
+        baud = baud_rate or spoken[-1].baud_rate or robot.board.baud_rate
+        super().__init__(robot.board, spoken, baud, on_tilt, clock)
+        self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
         self.joint_names = robot.joint_names
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         joints = {joint.name: joint for joint in robot.joints}
@@ -138,11 +138,8 @@ class ServoDriver:
         self.settled = threading.Event()
         self.settled.set()
         self.sent_bytes: tuple[int, ...] | None = None
-        self._clock, self._wait = clock, wait
+        self._wait = wait
         self._order = [self.joint_names.index(name) for name in self.servo_joints]
-        self.link: BoardLink | None = None
-        self._transport: SerialTransport | None = None
-        self._reader: Reader | None = None
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
         self._board_moved = False  # since the port was opened
         self._course: Course = "send"
@@ -150,36 +147,6 @@ class ServoDriver:
         self._last_tick: float | None = None
         self._settle_until = 0.0
         self._rest_packets = 0  # sent at the end of the way to rest
-
-    @property
-    def port(self) -> str:
-        """Name of the port in use; empty without one."""
-        return "" if self._transport is None else self._transport.port
-
-    @property
-    def connected(self) -> bool:
-        """Whether a port is open."""
-        return self._transport is not None
-
-    @property
-    def waiting(self) -> bool:
-        """Whether the board is still given its quiet time after the port was opened."""
-        return self.link_state == WAITING
-
-    @property
-    def link_state(self) -> str | None:
-        """Name of the protocol found, or WAITING: it is too early to say; None without a port."""
-        return None if self.link is None else self.link.state(self._clock())
-
-    @property
-    def telemetry_age(self) -> float | None:
-        """Time in [s] since a board that says what it is last spoke; None before the first time."""
-        return None if self.link is None else self.link.heard_age(self._clock())
-
-    @property
-    def tilt_age(self) -> float | None:
-        """Time in [s] since the newest reading of the board's IMU; None before the first."""
-        return None if self.link is None else self.link.tilt_age(self._clock())
 
     @property
     def command_age(self) -> float | None:
@@ -200,10 +167,7 @@ class ServoDriver:
         self.disconnect()
         transport = SerialTransport(port, self.baud_rate)
         with self._lock:
-            boards = [each(self.board) for each in self._candidates]
-            self._transport = transport
-            self.link = BoardLink(port, boards, quiet_s, self._clock())
-            self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
+            self._open(transport, quiet_s)
             self._board_moved = self._held = False
             self._last_tick = None
             self.takeover.begin()
@@ -217,27 +181,12 @@ class ServoDriver:
         with self._lock:
             if self.motion.e_stop.latched:
                 self.hold_board()
-            elif relax:
-                self._relax()
-            reader, self._reader = self._reader, None
-            transport, self._transport = self._transport, None
-            self.link = None
+            elif relax and self._board_moved and self.motion.at_rest and not self.waiting:
+                with contextlib.suppress(PortError):
+                    self._say(Ability.RELAX)
+            close = self._take_out()
             self._end_course()
-        if reader is not None:
-            reader.stop()
-        if transport is not None:
-            transport.close()
-
-    def _relax(self) -> None:
-        if self._transport is None or self.link is None or not self._board_moved or self.waiting:
-            return
-        if not self.motion.at_rest:
-            return
-        with contextlib.suppress(PortError):
-            with self.link.speaking() as board:
-                packet = board.relax() if Ability.RELAX in board.abilities else b""
-            if packet:
-                self._transport.write(packet)
+        close()
 
     def start(self) -> None:
         """Begin to send from the board's pose, else the last one sent (at first the rest pose).
@@ -313,15 +262,6 @@ class ServoDriver:
                 if latched:
                     self.motion.e_stop.heed()
 
-    def listen(self) -> None:
-        """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
-
-        Raises:
-            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
-        """
-        if self.link is not None:
-            self.link.check(self._clock())
-
     def begin_settling(self, timeout_s: float) -> bool:
         """Go to the rest pose at the limits' speed from the next tick on, then stand by.
 
@@ -365,9 +305,8 @@ class ServoDriver:
     def hold_board(self) -> None:
         """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
         with self._lock, contextlib.suppress(PortError):
-            if self._transport is not None and self.link is not None and not self.waiting:
-                for _ in range(REST_REPEATS):
-                    self._write_hold(self._transport, self.link)
+            for _ in range(0 if self.waiting else REST_REPEATS):
+                self._say(Ability.HOLD)
 
     def _tick(self, now: float) -> tuple[int, ...] | None:
         if self._transport is None or self.link is None:
@@ -378,12 +317,14 @@ class ServoDriver:
         if self.link.state(now) == WAITING:
             self.motion.forget(now)
             return None
-        if self.motion.e_stop.latched and self._write_hold(self._transport, self.link):
-            self._stop_for_e_stop()
-            return self.sent_bytes
+        if self.motion.e_stop.latched:
+            if self._course == "settle":
+                self._end_course()
+            if self._say(Ability.HOLD):
+                self._held = True
+                self.counts.packets += 1
+                return self.sent_bytes
         self._look_for_changes(now, stalled_s)
-        if self.motion.e_stop.latched and self._course == "settle":
-            self._end_course()
         if self._course == "idle" or not self._in_step(self._transport, self.link):
             return None
         return self._send(self._transport, self.link, now)
@@ -460,20 +401,6 @@ class ServoDriver:
             if self.arrived or (late and self.motion.standing):
                 self._end_course()
         return packet.servo_bytes
-
-    def _write_hold(self, transport: SerialTransport, link: BoardLink) -> bool:
-        """Write the word to hold, which says no pose; False where the board has none."""
-        with link.speaking() as board:
-            packet = board.hold() if Ability.HOLD in board.abilities else b""
-        if packet:
-            transport.write(packet)
-            self.counts.packets += 1
-        return bool(packet)
-
-    def _stop_for_e_stop(self) -> None:
-        self._held = True
-        if self._course == "settle":
-            self._end_course()
 
     def _end_course(self) -> None:
         self._course = "idle"
