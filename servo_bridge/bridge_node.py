@@ -6,7 +6,8 @@ import sys
 import threading
 import time
 from array import array
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
@@ -19,24 +20,32 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
 from servo_bridge import parameters
-from servo_bridge.calibration_file import calibrated_robot, file_for
+from servo_bridge.assembly import assemble
 from servo_bridge.diagnostics import bridge_status
 from servo_bridge.driver import ServoDriver
+from servo_bridge.e_stop import EStop
+from servo_bridge.e_stop_services import EStopServices
 from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
+from servo_bridge.inputs import command_values, joint_positions
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.process import run_node
 from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
+from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
 
+Values = TypeVar("Values")
+
 SUPERVISION_PERIOD_S = 0.1
+SETTLING_MARGIN_S = 2.0
+"""How much longer than `settle_timeout` the way to rest is waited for, braking and rest packets included."""
+
 REFUSAL_LOG_PERIOD_S = 2.0
 RETRY_JITTER = 0.2
 
@@ -46,8 +55,9 @@ class ServoBridge(GuardedLifecycleNode):
 
     Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
     was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz. Packets
-    leave from a thread of their own, at a fixed rate whatever the executor is busy with. Services: the
-    lifecycle ones, `~/e_stop`, `~/clear_e_stop`.
+    leave from a thread of their own, at a fixed rate whatever the executor is busy with; it runs as long as
+    the port is open, and looks at the e-stop for each packet. Services: the lifecycle ones, and `~/e_stop`,
+    `~/clear_e_stop` on an executor of their own.
 
     Args:
         scene: Robot already loaded; None loads the parameter `robot` at configure.
@@ -62,14 +72,14 @@ class ServoBridge(GuardedLifecycleNode):
         parameters.declare(self)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
+        self._e_stop = EStop()  # outside that lock
         self._driver: ServoDriver | None = None
-        self._e_stopped = False
         self._sending = False
         self._closed = False
         self._trouble = ""
         self._reconnects = 0
         self._recovery = Recovery(RETRY_JITTER)
-        self._writer: PeriodicThread | None = None
+        self._writer: PeriodicThread | None = None  # while the port is open
         self._lost: PortError | None = None  # told by the writer, handled by the executor
         self._stable_port = ""  # name of the configured board that outlives its number; empty: none
         self._calibration = ""
@@ -83,13 +93,12 @@ class ServoBridge(GuardedLifecycleNode):
             DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
         )
         self._imu: Publisher = self.create_publisher(Imu, "imu", QoSProfile(depth=10))
-        self.create_service(Trigger, "~/e_stop", self._on_e_stop)
-        self.create_service(Trigger, "~/clear_e_stop", self._on_clear_e_stop)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
         self._recovery.want(parameters.read(self).autostart, time.monotonic(), wait=False)
+        self._e_stop_services = EStopServices(self, self._e_stop)
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
 
@@ -101,10 +110,13 @@ class ServoBridge(GuardedLifecycleNode):
             except SoftSimError as error:
                 self._report(str(error))
                 return TransitionCallbackReturn.FAILURE
+            except Exception as error:
+                self._report(f"configure failed ({type(error).__name__}: {sentence(error)})")
+                return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to send from the last known pose; refused without a port and while the e-stop is latched."""
+        """Send from where the board stands; refused without a port and while the e-stop is latched."""
         with self._lock:
             refusal = self._activation_refusal()
             if refusal or self._driver is None:
@@ -113,8 +125,8 @@ class ServoBridge(GuardedLifecycleNode):
             self._driver.start()
             self._sending = True
             self._trouble = ""
-            self._lost = None
-            self._writer = PeriodicThread(self._tick, self._driver.period)
+            if self._writer is None:  # it died, and was not started anew by itself
+                self._start_writer()
         self.get_logger().info(f"sending to {self._driver.port} at {1.0 / self._driver.period:g} Hz")
         return super().on_activate(state)
 
@@ -145,48 +157,37 @@ class ServoBridge(GuardedLifecycleNode):
     def close(self) -> None:
         """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
         with self._lock:
-            writer = self._writer
             if not self._closed:
                 self._closed = True
                 self._recovery.give_up()
                 self._disconnect()
-        if writer is not None:
-            writer.join()
 
     def destroy_node(self) -> None:
-        """Close, then destroy the node."""
+        """Close, then destroy the node; the e-stop is served until the port is closed."""
         self.close()
+        self._e_stop_services.close()
         super().destroy_node()
 
     def _configure(self) -> None:
         settings = parameters.read(self)
-        robot = self._load_robot(settings.robot)
-        calibration = file_for(settings.calibration, robot.name)
-        driver = ServoDriver(
-            robot if calibration is None else calibrated_robot(robot, calibration),
-            settings=settings.motion,
-            rate=settings.rate or None,
-            avoid_byte_100=settings.avoid_byte_100,
-            protocol=settings.protocol,
-            baud_rate=settings.baud_rate or None,
-            on_tilt=self._on_tilt,
-        )
-        self._imu_frame = settings.imu_frame or f"{robot.name}_effector"
-        self._open(driver, find_port(settings.port), settings.open_wait_s)
-        self._calibration = "" if calibration is None else str(calibration)
+        assembled = assemble(settings, self._scene, self._e_stop, self._on_tilt)
+        driver = assembled.driver
+        self._imu_frame, self._calibration = assembled.imu_frame, assembled.calibration
         if self._driver is not None and self._driver.servo_joints == driver.servo_joints:
             driver.motion.resume_from(self._driver.motion.positions)
-        if self._e_stopped:
-            driver.motion.e_stop()
+        self._open(driver, find_port(settings.port), settings.open_wait_s)
         self._release_topics()
-        self._driver = driver
         if settings.source == "commands":
             self._source_subscription = self.create_subscription(
-                Float64MultiArray, "position_controller/commands", self._on_command, QoSProfile(depth=1)
+                Float64MultiArray,
+                "position_controller/commands",
+                self._on_command,
+                QoSProfile(depth=1),
+                raw=True,
             )
         else:
             self._source_subscription = self.create_subscription(
-                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1)
+                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1), raw=True
             )
         self._trouble = ""
         self.get_logger().info(
@@ -195,41 +196,59 @@ class ServoBridge(GuardedLifecycleNode):
         )
 
     def _open(self, driver: ServoDriver, port: str, open_wait_s: float) -> None:
-        """Open a port and learn the name that outlives its number."""
+        """Open a port, learn the name that outlives its number, and let the writer stand by."""
         driver.connect(port, open_wait_s)
+        driver.stand_by()
+        self._driver = driver
         self._stable_port = stable_name(port)
-
-    def _load_robot(self, name: str) -> RobotDescription:
-        if self._scene is not None:
-            return self._scene
-        from softsim_core.scene import load_scene  # costs imports: only when needed
-
-        return load_scene(name)
+        self._start_writer()
 
     def _activation_refusal(self) -> str:
-        if self._e_stopped:
+        if self._e_stop.latched:
             return "activation refused: the e-stop is latched; call ~/clear_e_stop first"
         if self._driver is None or not self._driver.connected:
             return f"activation refused: no port is open ({self._trouble or 'configure first'})"
         return ""
 
     def _stop_sending(self) -> None:
+        """Let the writer go to rest and stand by; an e-stop, a lost port or a dead writer ends the wait."""
         with self._lock:
-            if not self._sending or self._driver is None:
+            driver, writer = self._driver, self._writer
+            if not self._sending or driver is None:
                 return
             self._sending = False
-            if self._writer is not None:
-                self._writer.stop()  # its last call finds that nothing is sent any more
-            if self._driver.connected:
-                self._driver.settle(parameters.read(self).settle_timeout, self._publish_applied)
+            timeout_s = parameters.read(self).settle_timeout
+            if writer is None or not driver.begin_settling(timeout_s):
+                driver.stand_by()
+                return
+            end = time.monotonic() + timeout_s + SETTLING_MARGIN_S
+            while not driver.settled.wait(SUPERVISION_PERIOD_S):
+                ended = writer.failure is not None or self._lost is not None
+                if ended or time.monotonic() > end:
+                    driver.stand_by()
+            if not (driver.arrived or self._e_stop.latched):
+                self.get_logger().warning("the servos have not reached rest; they stay where they are")
 
     def _disconnect(self) -> None:
         with self._lock:
             self._stop_sending()
+            self._stop_writer()
             if self._driver is not None:
                 self._driver.disconnect(relax=parameters.read(self).relax_at_end)
             if not self._closed:
                 self._release_topics()
+
+    def _start_writer(self) -> None:
+        self._stop_writer()
+        self._lost = None  # of the port before; what this writer will find is kept, also while activating
+        if self._driver is not None:
+            self._writer = PeriodicThread(self._tick, self._driver.period)
+
+    def _stop_writer(self) -> None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.stop()
+            writer.join()
 
     def _release_topics(self) -> None:
         if self._source_subscription is not None:
@@ -238,88 +257,99 @@ class ServoBridge(GuardedLifecycleNode):
 
     # Commands
 
-    def _on_command(self, message: Float64MultiArray) -> None:
-        with self._lock:
-            if self._sending and self._driver is not None:
-                try:
-                    self._driver.command(message.data)
-                except CommandError as error:
-                    self._warn(f"position_controller/commands: {error}")
+    def _on_command(self, data: bytes) -> None:
+        self._obey("position_controller/commands", data, command_values, ServoDriver.command)
 
-    def _on_joint_states(self, message: JointState) -> None:
-        with self._lock:
-            if self._sending and self._driver is not None:
-                try:
-                    if len(message.name) != len(message.position):
-                        raise CommandError(
-                            f"{len(message.name)} names with {len(message.position)} positions refused;"
-                            " nothing was moved"
-                        )
-                    self._driver.command_named(dict(zip(message.name, message.position, strict=True)))
-                except CommandError as error:
-                    self._warn(f"joint_states: {error}")
+    def _on_joint_states(self, data: bytes) -> None:
+        self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
 
-    def _on_e_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            self._e_stopped = True
-            if self._driver is not None:
-                self._driver.motion.e_stop()
-        response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
-        self.get_logger().warning(response.message)
-        return response
+    def _obey(
+        self,
+        topic: str,
+        data: bytes,
+        unpack: Callable[[bytes], Values],
+        command: Callable[[ServoDriver, Values], None],
+    ) -> None:
+        driver = self._driver
+        if not self._sending or driver is None:
+            return
+        try:
+            try:
+                values = unpack(data)
+            except CommandError as error:
+                driver.refuse(error)
+                raise
+            command(driver, values)
+        except CommandError as error:
+            text = f"{topic}: {sentence(error)}"
+            self.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
 
-    def _on_clear_e_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            self._e_stopped = False
-            if self._driver is not None:
-                self._driver.motion.clear_e_stop(time.monotonic())
-        response.success, response.message = True, "e-stop cleared: the next command moves the servos"
-        self.get_logger().info(response.message)
-        return response
-
-    # Timers
+    # The writer's thread, which takes no lock of the node
 
     def _tick(self) -> None:
-        with self._lock:
-            if not self._sending or self._driver is None:
-                return
-            try:
-                sent = self._driver.tick()
-            except PortError as error:
-                self._lost = error
-                if self._writer is not None:
-                    self._writer.stop()
-                return
+        driver, writer = self._driver, self._writer
+        if driver is None:
+            return
+        try:
+            sent = driver.tick()
+        except PortError as error:
+            self._lost = error
+            if writer is not None:
+                writer.stop()
+            return
         if sent is not None:
-            self._publish_applied()
+            self._publish_applied(driver)
+
+    # Timers
 
     def _supervise(self) -> None:
         with self._lock:
             if self._closed:
                 return
+            self._tell_news()
+            if self._writer is not None and self._writer.failure is not None:
+                self._lose_writer(self._writer.failure)
             if self._lost is not None:
                 self._lose_port(self._lost)
             now = time.monotonic()
             if self._recovery.due(now):
                 if self._pursue():
-                    self._recovery.give_up()
+                    self._recovery.reached(time.monotonic())
                 else:
                     self._recovery.failed(time.monotonic())
-            elif self._driver is not None and not self._sending:
-                try:
-                    self._driver.listen()
-                except PortError as error:
-                    self._lose_port(error)
+
+    def _tell_news(self) -> None:
+        news = () if self._driver is None else self._driver.takeover.news
+        while news:
+            self.get_logger().warning(news.popleft())
+
+    def _lose_writer(self, failure: Exception) -> None:
+        """The thread that sends is dead: the servos hold, the bridge is inactive until it is activated."""
+        self._stop_writer()
+        if self._driver is not None:
+            self._driver.stand_by()
+            self._driver.hold_board()
+        self._report(
+            f"the thread that sends packets has ended"
+            f" ({type(failure).__name__}: {sentence(failure)});"
+            " the servos hold; activate the bridge anew"
+        )
+        self._leave_active()
+        self._recovery.give_up()
 
     def _lose_port(self, error: PortError) -> None:
         """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
         was_sending, self._lost = self._sending, None
+        self._stop_writer()
         if self._driver is not None:
             self._driver.disconnect()
         self._report(f"{error}; the bridge tries to open it again")
-        if was_sending:
-            self.trigger_deactivate()
+        self._leave_active()
         self._recovery.want("activate" if was_sending else "configure", time.monotonic(), wait=True)
+
+    def _leave_active(self) -> None:
+        if self.lifecycle_state == "active":
+            self.trigger_deactivate()
 
     def _pursue(self) -> bool:
         """One try to reach what recovery wishes; True when there is no more to try."""
@@ -344,21 +374,19 @@ class ServoBridge(GuardedLifecycleNode):
 
     # Reports
 
-    def _report(self, sentence: str) -> None:
+    def _report(self, problem: str) -> None:
         """Log an error once, and show it in the diagnostics until it is over."""
-        if sentence != self._trouble:
-            self._trouble = sentence
-            self.get_logger().error(sentence)
+        text = printable(problem)
+        if text != self._trouble:
+            self._trouble = text
+            self.get_logger().error(text)
 
-    def _warn(self, sentence: str) -> None:
-        self.get_logger().warning(sentence, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
-
-    def _publish_applied(self) -> None:
-        if self._driver is None or not self.context.ok():
+    def _publish_applied(self, driver: ServoDriver) -> None:
+        if not self.context.ok():
             return
-        message = JointState(name=list(self._driver.servo_joints))
+        message = JointState(name=list(driver.servo_joints))
         message.header.stamp = self.get_clock().now().to_msg()
-        message.position = array("d", self._driver.applied_angles())
+        message.position = array("d", driver.applied_angles())
         self._publish(self._applied, message)
 
     def _on_tilt(self, reading: TiltReading) -> None:
@@ -382,7 +410,7 @@ class ServoBridge(GuardedLifecycleNode):
                 self.get_fully_qualified_name(),
                 self.lifecycle_state,
                 self._driver,
-                e_stopped=self._e_stopped,
+                e_stopped=self._e_stop.latched,
                 trouble=self._trouble,
                 reconnects=self._reconnects,
                 calibration=self._calibration,

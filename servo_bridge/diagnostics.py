@@ -43,12 +43,16 @@ def bridge_status(
             else:
                 message = f"active, {driver.motion.mode}"
                 level = DiagnosticStatus.OK if driver.motion.mode == "track" else DiagnosticStatus.WARN
+            if driver.takeover.pending and not driver.waiting:
+                why = driver.takeover.reason or "sending has begun"
+                message, level = f"active, asking for the board's pose: {why}", DiagnosticStatus.ERROR
         values |= {
             "port": driver.port or "none",
             "mode": driver.motion.mode,
             "packets sent": counts.packets,
             "servo bytes": " ".join(map(str, driver.sent_bytes or ())) or "none",
             "command age [s]": "none" if age is None else f"{age:.3f}",
+            "takeovers": driver.takeover.count,
             "commands clipped": driver.motion.clipped,
             "commands refused": counts.refused,
             "last refusal": counts.last_refusal or "none",

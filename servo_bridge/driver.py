@@ -1,25 +1,52 @@
-"""From commands to packets on a port: one board's motion, protocol and port. No ROS; the clock is given."""
+"""From commands to packets on a port: one board's motion, protocol and port. No ROS; the clock is given.
+
+Two threads may use a driver: one ticks, the other gives commands. The e-stop needs neither: it is a latch
+that every tick looks at first.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
+from servo_bridge.board_port import BoardPort
+from servo_bridge.e_stop import EStop
 from servo_bridge.errors import PortError, ProtocolError
-from servo_bridge.link import BoardLink, Reader
-from servo_bridge.protocols import AUTO, WAITING, Ability, EncodedPacket, TiltReading, candidates
+from servo_bridge.link import BoardLink
+from servo_bridge.protocols import AUTO, WAITING, Ability, BoardProtocol, TiltReading, candidates
 from servo_bridge.safety import MotionSettings, ServoMotion, servo_limits
 from servo_bridge.servo import bytes_to_angles
+from servo_bridge.takeover import Takeover
 from servo_bridge.transport import SerialTransport
-from softsim_core.errors import CommandError, SceneError, listing
+from servo_bridge.wording import named, sentence
+from softsim_core.errors import CommandError, SceneError
 from softsim_core.mechanics.limits import check_command
 from softsim_core.scene.robot import RobotDescription
 
 REST_REPEATS = 3
-"""Rest packets sent at the end, so that one byte lost on the line does not decide where the servos stay."""
+"""Last packets are sent so often: one byte lost on the line does not decide where the servos stay."""
+
+STALL_S = 0.4
+"""Longer without a tick in [s], and the bridge stood still: a board of ours holds after 0.5 s by itself."""
+
+SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
+"""Allowed packets a second: less, and a board takes the pauses for silence; more, and the line is full."""
+
+SAME_POSE = math.radians(1.5)
+"""Poses of board and bridge nearer than this in [rad] are one: a hobby servo's dead band."""
+
+Course: TypeAlias = Literal["idle", "send", "settle"]
+"""What a tick is for: only to listen, to follow commands, or to go to rest and end there."""
+
+
+def steady_time() -> float:
+    """Steady clock in [s] that also counts the time in which the computer was suspended."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 @dataclass(slots=True)
@@ -41,7 +68,7 @@ class DriverCounts:
     restarts: int = 0
 
 
-class ServoDriver:
+class ServoDriver(BoardPort):
     """Sends the newest command to the board, through limits and ramps, one packet a tick.
 
     Args:
@@ -52,12 +79,17 @@ class ServoDriver:
         protocol: Name of what the board speaks; auto: as the robot's board says, else found out, see `link`.
         baud_rate: Bits a second; None takes the protocol's own where it has one, else the board's.
         on_tilt: Called with every reading of a board's IMU, in the reading thread.
+        e_stop: The latch that every tick looks at; None makes one.
         clock: Steady clock in [s].
-        wait: Sleeps for a time in [s]; used only on the way to rest.
+        wait: Sleeps for a time in [s]; used only by `settle`.
+
+    Attributes:
+        takeover: Whether and why the board's pose has to be asked for before a pose is sent.
+        settled: Set while the driver is not on the way to rest.
 
     Raises:
-        SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, or a servo
-            whose rest byte lies outside its limits.
+        SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
+            whose rest byte lies outside its limits, or a rate that is not allowed.
     """
 
     def __init__(
@@ -70,74 +102,51 @@ class ServoDriver:
         protocol: str = AUTO,
         baud_rate: int | None = None,
         on_tilt: Callable[[TiltReading], None] = lambda reading: None,
-        clock: Callable[[], float] = time.monotonic,
+        e_stop: EStop | None = None,
+        clock: Callable[[], float] = steady_time,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
         if robot.board is None or not robot.board.servos:
             raise SceneError(
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
-        self.board, self.servos = robot.board, robot.board.servos
         try:
-            self._candidates = candidates(protocol, self.board)
+            spoken = candidates(protocol, robot.board)
         except ProtocolError as error:
             raise SceneError(f"robot {robot.name}: {error}") from error
-        self.protocol = self._candidates[0].name if len(self._candidates) == 1 else AUTO
-        self.baud_rate = baud_rate or self._candidates[-1].baud_rate or self.board.baud_rate
-        self.on_tilt = on_tilt
+        baud = baud_rate or spoken[-1].baud_rate or robot.board.baud_rate
+        super().__init__(robot.board, spoken, baud, on_tilt, clock)
+        self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
         self.joint_names = robot.joint_names
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         joints = {joint.name: joint for joint in robot.joints}
         for name in self.servo_joints:
             if joints[name].kind != "revolute":
                 raise SceneError(f"robot {robot.name}: joint {name} of a servo must be revolute")
-        self.period = 1.0 / (rate or self.board.rate)
+        self.period = _period(robot.name, rate or self.board.rate)
         self.motion = ServoMotion(
             self.servo_joints,
             [servo_limits(servo, joints[servo.joint].limits) for servo in self.servos],
             bytes_to_angles([servo.rest_byte for servo in self.servos], self.servos),
+            e_stop=e_stop,
         )
+        self._lock = threading.RLock()
         self.set_timing(settings or MotionSettings())
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
+        self.takeover = Takeover()
+        self.settled = threading.Event()
+        self.settled.set()
         self.sent_bytes: tuple[int, ...] | None = None
-        self._clock, self._wait = clock, wait
+        self._wait = wait
         self._order = [self.joint_names.index(name) for name in self.servo_joints]
-        self.link: BoardLink | None = None
-        self._transport: SerialTransport | None = None
-        self._reader: Reader | None = None
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
         self._board_moved = False  # since the port was opened
-
-    @property
-    def port(self) -> str:
-        """Name of the port in use; empty without one."""
-        return "" if self._transport is None else self._transport.port
-
-    @property
-    def connected(self) -> bool:
-        """Whether a port is open."""
-        return self._transport is not None
-
-    @property
-    def waiting(self) -> bool:
-        """Whether the board is still given its quiet time after the port was opened."""
-        return self.link_state == WAITING
-
-    @property
-    def link_state(self) -> str | None:
-        """Name of the protocol found, or WAITING: it is too early to say; None without a port."""
-        return None if self.link is None else self.link.state(self._clock())
-
-    @property
-    def telemetry_age(self) -> float | None:
-        """Time in [s] since a board that says what it is last spoke; None before the first time."""
-        return None if self.link is None else self.link.heard_age(self._clock())
-
-    @property
-    def tilt_age(self) -> float | None:
-        """Time in [s] since the newest reading of the board's IMU; None before the first."""
-        return None if self.link is None else self.link.tilt_age(self._clock())
+        self._course: Course = "send"
+        self._held = False  # the last tick found the e-stop latched
+        self._last_tick: float | None = None
+        self._settle_until = 0.0
+        self._rest_packets = 0  # sent at the end of the way to rest
 
     @property
     def command_age(self) -> float | None:
@@ -146,12 +155,8 @@ class ServoDriver:
 
     def set_timing(self, settings: MotionSettings) -> None:
         """Take new hold and rest times at once; the longest step stays two periods."""
-        self.motion.settings = MotionSettings(
-            hold_timeout_s=settings.hold_timeout_s,
-            rest_timeout_s=settings.rest_timeout_s,
-            rest_speed=settings.rest_speed,
-            longest_step_s=2.0 * self.period,
-        )
+        with self._lock:
+            self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
 
     def connect(self, port: str, quiet_s: float = 0.0) -> None:
         """Open the port and listen; nothing is written until the board spoke, or for `quiet_s` seconds.
@@ -160,10 +165,12 @@ class ServoDriver:
             PortError: it cannot be opened.
         """
         self.disconnect()
-        self._transport = SerialTransport(port, self.baud_rate)
-        self.link = BoardLink(port, [each(self.board) for each in self._candidates], quiet_s, self._clock())
-        self._reader = Reader(self._transport, self.link, self._clock, self.on_tilt)
-        self._board_moved = False
+        transport = SerialTransport(port, self.baud_rate)
+        with self._lock:
+            self._open(transport, quiet_s)
+            self._board_moved = self._held = False
+            self._last_tick = None
+            self.takeover.begin()
 
     def disconnect(self, *, relax: bool = False) -> None:
         """Close the port, if one is open; the last pose sent stays known.
@@ -171,30 +178,30 @@ class ServoDriver:
         Args:
             relax: Switch the pulses off first, where the board can and its servos were left at rest.
         """
-        if relax:
-            self._relax()
-        reader, self._reader = self._reader, None
-        transport, self._transport = self._transport, None
-        if reader is not None:
-            reader.stop()
-        if transport is not None:
-            transport.close()
-        self.link = None
-
-    def _relax(self) -> None:
-        if self._transport is None or self.link is None or not self._board_moved or self.waiting:
-            return
-        if self.motion.e_stopped or not self.motion.at_rest:
-            return  # an e-stop holds
-        with contextlib.suppress(PortError):
-            with self.link.speaking() as board:
-                packet = board.relax() if Ability.RELAX in board.abilities else b""
-            if packet:
-                self._transport.write(packet)
+        with self._lock:
+            if self.motion.e_stop.latched:
+                self.hold_board()
+            elif relax and self._board_moved and self.motion.at_rest and not self.waiting:
+                with contextlib.suppress(PortError):
+                    self._say(Ability.RELAX)
+            close = self._take_out()
+            self._end_course()
+        close()
 
     def start(self) -> None:
-        """Begin to move from the last pose sent (at first the rest pose); earlier commands do not count."""
-        self.motion.start(self._clock())
+        """Begin to send from the board's pose, else the last one sent (at first the rest pose).
+
+        Earlier commands do not count.
+        """
+        with self._lock:
+            self.motion.start(self._clock())
+            self.takeover.begin()
+            self._course, self._last_tick = "send", None
+
+    def stand_by(self) -> None:
+        """Only listen from now on, and tell a board that can hold to do so while the e-stop is latched."""
+        with self._lock:
+            self._end_course()
 
     def command(self, values: Sequence[float]) -> None:
         """Take a command of one position per joint of the robot, in its order, in [rad].
@@ -204,9 +211,10 @@ class ServoDriver:
         """
         try:
             checked = check_command(values, self.joint_names)
-            self.motion.command([checked[index] for index in self._order], self._clock())
+            with self._lock:
+                self.motion.command([checked[index] for index in self._order], self._clock())
         except CommandError as error:
-            self._refuse(error)
+            self.refuse(error)
             raise
 
     def command_named(self, positions: Mapping[str, float]) -> None:
@@ -219,116 +227,194 @@ class ServoDriver:
             missing = [name for name in self.servo_joints if name not in positions]
             if missing:
                 raise CommandError(
-                    f"joint states without {listing(missing)} refused; they name {listing(positions)};"
+                    f"joint states without {named(missing)} refused; they name {named(positions)};"
                     " nothing was moved"
                 )
-            self.motion.command([positions[name] for name in self.servo_joints], self._clock())
+            with self._lock:
+                self.motion.command([positions[name] for name in self.servo_joints], self._clock())
         except CommandError as error:
-            self._refuse(error)
+            self.refuse(error)
             raise
 
+    def refuse(self, error: CommandError) -> None:
+        """Count a command that was refused."""
+        self.counts.refused += 1
+        self.counts.last_refusal = sentence(error)
+
     def tick(self) -> tuple[int, ...] | None:
-        """Send one packet for now; call it once a period.
+        """Send the packet for now; call it once a period.
 
         Returns:
-            The servo bytes sent; None while the board is given its quiet time.
+            The servo bytes that the board was told last; None where it was told no pose: standing by, in the
+            board's quiet time, and while its pose is taken over.
 
         Raises:
             PortError: the port vanished or takes no data; the pose stays the last one sent.
         """
-        return self._send(self.motion.step)
+        with self._lock:
+            latched = self.motion.e_stop.latched
+            try:
+                return self._tick(self._clock())
+            except PortError:
+                self._end_course()
+                raise
+            finally:
+                if latched:
+                    self.motion.e_stop.heed()
 
-    def listen(self) -> None:
-        """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
+    def begin_settling(self, timeout_s: float) -> bool:
+        """Go to the rest pose at the limits' speed from the next tick on, then stand by.
 
-        Raises:
-            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
+        A latched e-stop ends it: nothing moves. When the way takes longer than `timeout_s` seconds, the
+        servos brake and stay where they are by then.
+
+        Returns:
+            Whether there is a way to go; not without a port, nor for a board that was not told to move.
         """
-        if self.link is not None:
-            self.link.check(self._clock())
+        with self._lock:
+            if self._transport is None or self.motion.e_stop.latched or not self._board_moved:
+                self._end_course()
+                return False
+            self._course, self._rest_packets = "settle", 0
+            self._settle_until = self._clock() + timeout_s
+            self.settled.clear()
+            return True
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
-        """Go to the rest pose at the limits' speed and end with rest packets; blocks until then.
-
-        A latched e-stop is kept: nothing moves. When the way takes longer than `timeout_s` seconds the last
-        packets are at rest all the same.
-
-        Args:
-            timeout_s: Longest time for the ramp in [s].
-            sent: Called after each packet.
+        """As `begin_settling`, but ticks itself and blocks until the end; `sent` is called after each packet.
 
         Returns:
             Whether the last packet was the rest pose.
         """
-        if self._transport is None or self.motion.e_stopped or not self._board_moved:
-            return False  # no port, not allowed, or no need: this board has not been told to move
-        deadline = self._clock() + timeout_s
+        if not self.begin_settling(timeout_s):
+            return False
         try:
-            while not self.motion.at_rest and self._clock() < deadline:
+            while not self.settled.is_set():
                 self._wait(self.period)
-                self._send(self.motion.step_to_rest)
-                sent()
-            self.motion.positions = self.motion.rest
-            for _ in range(REST_REPEATS):
-                self._wait(self.period)
-                self._send(self.motion.step_to_rest)
+                self.tick()
                 sent()
         except PortError:
             return False
-        return True
+        return self.arrived
 
-    def _send(self, step: Callable[[float], tuple[float, ...]]) -> tuple[int, ...] | None:
+    @property
+    def arrived(self) -> bool:
+        """Whether the newest way to rest ended there."""
+        return self._rest_packets >= REST_REPEATS
+
+    def hold_board(self) -> None:
+        """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
+        with self._lock, contextlib.suppress(PortError):
+            for _ in range(0 if self.waiting else REST_REPEATS):
+                self._say(Ability.HOLD)
+
+    def _tick(self, now: float) -> tuple[int, ...] | None:
         if self._transport is None or self.link is None:
             raise PortError("", "no port is open; configure the bridge first")
-        now = self._clock()
         self.link.check(now)
+        stalled_s = 0.0 if self._last_tick is None else now - self._last_tick
+        self._last_tick = now
         if self.link.state(now) == WAITING:
-            self.motion.start(now)
+            self.motion.forget(now)
             return None
+        if self.motion.e_stop.latched:
+            if self._course == "settle":
+                self._end_course()
+            if self._say(Ability.HOLD):
+                self._held = True
+                self.counts.packets += 1
+                return self.sent_bytes
+        self._look_for_changes(now, stalled_s)
+        if self._course == "idle" or not self._in_step(self._transport, self.link):
+            return None
+        return self._send(self._transport, self.link, now)
+
+    def _look_for_changes(self, now: float, stalled_s: float) -> None:
+        """Whether something happened after which the board's pose has to be asked for."""
+        assert self.link is not None
         if self.link.take_restart():
-            self._greet(now)
-            return None
+            self.counts.restarts += 1
+            self._lose_step("the board has started" if self._board_moved else "", now)
+        elif self._held:
+            self._held = False
+            self.takeover.begin()
+        elif self._course != "idle" and stalled_s > STALL_S:
+            self._lose_step(f"the bridge stood still for {stalled_s:.1f} s", now)
+        elif self._course != "idle" and not self.takeover.pending:
+            with self.link.speaking() as board:
+                deviation = board.deviation()
+            if deviation:
+                self._lose_step(f"the board {deviation}", now)
+
+    def _lose_step(self, reason: str, now: float) -> None:
+        self.motion.forget(now)
+        self.takeover.begin(reason)
+
+    def _in_step(self, transport: SerialTransport, link: BoardLink) -> bool:
+        """Whether the board's pose is known; else it is asked for."""
+        if not self.takeover.pending:
+            return True
+        with link.speaking() as board:
+            packet = self.takeover.ask(board)
+            if not packet:
+                self._take_pose(board)
+                return True
+        transport.write(packet)
+        return False
+
+    def _take_pose(self, board: BoardProtocol) -> None:
+        """Go on from the pose that the board says it has; where it says none, from the last one sent."""
+        self.motion.top_speed = board.top_speed
+        pose = board.pose()
+        if pose is None:
+            return
         before = self.motion.positions
+        self.motion.resume_from(check_command(pose, self.servo_joints))
+        away = max(abs(one - other) for one, other in zip(before, self.motion.positions, strict=True))
+        if away > SAME_POSE and self._board_moved:
+            degrees = ", ".join(f"{math.degrees(each):.1f}" for each in self.motion.positions)
+            self.takeover.news.append(
+                f"the board stands {math.degrees(away):.0f} deg away from what it was told; the bridge goes"
+                f" on from there ({degrees} deg)"
+            )
+
+    def _send(self, transport: SerialTransport, link: BoardLink, now: float) -> tuple[int, ...]:
+        """Write the next pose of the present course."""
+        before, settling = self.motion.positions, self._course == "settle"
+        late = settling and now >= self._settle_until
+        step = self.motion.brake if late else self.motion.step_to_rest if settling else self.motion.step
+        positions = step(now)
         try:
-            packet = self._encode(step(now))
-            self._transport.write(packet if isinstance(packet, bytes) else packet.data)
+            with link.speaking() as board:
+                board.avoid_byte_100 = self.avoid_byte_100
+                packet = board.encode(positions)
+            transport.write(packet.data)
         except PortError:
-            self.motion.positions = before
+            self.motion.resume_from(before)
             raise
-        self._board_moved = True
         self.counts.packets += 1
-        if isinstance(packet, EncodedPacket):
-            self.counts.avoided += packet.avoided
-            self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
-        return self.sent_bytes
+        self.counts.avoided += packet.avoided
+        self._board_moved = True
+        self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
+        if settling:
+            self._rest_packets += self.motion.at_rest
+            if self.arrived or (late and self.motion.standing):
+                self._end_course()
+        return packet.servo_bytes
 
-    def _encode(self, positions: Sequence[float]) -> EncodedPacket | bytes:
-        """The pose; while the e-stop is latched the word to hold, which says no pose, where the board can."""
-        assert self.link is not None
-        with self.link.speaking() as board:
-            if self.motion.e_stopped and Ability.HOLD in board.abilities:
-                return board.hold()
-            board.avoid_byte_100 = self.avoid_byte_100
-            return board.encode(positions)
-
-    def _greet(self, now: float) -> None:
-        """A board has (re)started: begin with its pose where it has one, and tell it the servos' ranges."""
-        assert self._transport is not None
-        assert self.link is not None
-        self.counts.restarts += 1
-        with self.link.speaking() as board:
-            pose = board.pose()
-            if pose is not None:
-                self.motion.resume_from(check_command(pose, self.servo_joints))
-            limits = board.limits() if Ability.LIMITS in board.abilities else b""
-        self.motion.start(now)
-        if limits:
-            self._transport.write(limits)
+    def _end_course(self) -> None:
+        self._course = "idle"
+        self.settled.set()
 
     def applied_angles(self) -> tuple[float, ...]:
         """Nominal joint angles in [rad] of what was last sent, in servo order; NaN before the first."""
         return self._applied
 
-    def _refuse(self, error: CommandError) -> None:
-        self.counts.refused += 1
-        self.counts.last_refusal = str(error)
+
+def _period(robot: str, rate: float) -> float:
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:  # also refuses NaN
+        raise SceneError(
+            f"robot {robot}: {rate:g} packets a second refused; allowed are"
+            f" {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+        )
+    return 1.0 / rate

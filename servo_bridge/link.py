@@ -18,6 +18,9 @@ from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 TELEMETRY_TIMEOUT_S = 0.5
 """Without telemetry for this long a board that sent some is lost."""
 
+LONGEST_LOOK_S = 0.1
+"""Time in [s] that one look at the port stands for at most: longer, and it was this computer that slept."""
+
 BANNER_GRACE_S = 1.0
 """Longer than the quiet time that a board has to answer where it has to say what it is."""
 
@@ -45,6 +48,7 @@ class BoardLink:
         self._quiet_s, self._quiet_until = quiet_s, now + quiet_s
         self._heard: float | None = None  # newest message that told the board's protocol
         self._looked = now  # newest look at the port, whether it had something or not
+        self._unheard_s = 0.0  # time looked at the port since then
         self._tilt_time: float | None = None
         self._restarted = False
         self._fault: PortError | None = None
@@ -66,13 +70,14 @@ class BoardLink:
             PortError: the protocol failed.
         """
         with self.speaking():
+            self._unheard_s += min(now - self._looked, LONGEST_LOOK_S)
             self._looked = now
             tilts: tuple[TiltReading, ...] = ()
             for board in self._boards if self._recognised is None else (self._recognised,):
                 decoded = board.decode(data)
                 if decoded.recognised and Ability.DETECT in board.abilities:
                     self._restarted |= decoded.restarted or self._heard is None
-                    self._recognised, self._heard = board, now
+                    self._recognised, self._heard, self._unheard_s = board, now, 0.0
                 if board is self.board:
                     tilts = decoded.tilts
                     break
@@ -138,7 +143,7 @@ class BoardLink:
                         f"no board of the {board.name} protocol answered on {self.port} within"
                         f" {self._quiet_s + BANNER_GRACE_S:g} s; {board.advice}",
                     )
-            elif Ability.TELEMETRY in board.abilities and self._looked - self._heard > TELEMETRY_TIMEOUT_S:
+            elif Ability.TELEMETRY in board.abilities and self._unheard_s > TELEMETRY_TIMEOUT_S:
                 raise PortError(
                     self.port,
                     f"no telemetry from the board on {self.port} for {TELEMETRY_TIMEOUT_S} s (it hangs, lost"

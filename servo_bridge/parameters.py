@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -9,8 +10,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from servo_bridge.driver import FASTEST_HZ, SLOWEST_HZ
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.safety import MotionSettings
+from servo_bridge.wording import shortened
 from softsim_core.errors import ConfigError, SoftSimError, listing
 
 Source = Literal["joint_states", "commands"]
@@ -57,10 +60,10 @@ def robot_namespace() -> str:
         name = str(node.get_parameter("robot").value)
     finally:
         node.destroy_node()
-    from softsim_core.scene import load_scene  # costs imports: only when needed
+    from servo_bridge.assembly import load_robot  # costs imports: only when needed
 
     try:
-        return load_scene(name).name
+        return load_robot(name).name
     except SoftSimError:
         return ""
 
@@ -120,7 +123,13 @@ def declare(node: Node) -> None:
         " configuration, where it exists; empty: none.",
     )
     text("imu_frame", "", "Frame of the topic imu; empty: <robot>_effector.")
-    number("rate", 0.0, 0.0, 200.0, "Packets a second in [Hz]; 0: the board's own from the robot's file.")
+    number(
+        "rate",
+        0.0,
+        0.0,
+        FASTEST_HZ,
+        f"Packets a second in [Hz]: {SLOWEST_HZ:g} to {FASTEST_HZ:g}; 0: the robot's file says.",
+    )
     number("open_wait_s", 2.5, 0.0, 60.0, "Quiet time in [s] after opening: most boards reset when opened.")
     number(
         "hold_timeout",
@@ -137,7 +146,7 @@ def declare(node: Node) -> None:
         "Go slowly to rest without one for this long, in [s].",
     )
     number("rest_speed", times.rest_speed, 0.01, 10.0, "Speed of the slow way to rest in [rad/s].")
-    number("settle_timeout", 1.5, 0.0, 10.0, "Longest ramp to the safe pose on the way out, in [s].")
+    number("settle_timeout", 4.0, 0.1, 60.0, "Longest ramp to the safe pose on the way out, in [s].")
     node.declare_parameter(
         "avoid_byte_100",
         True,
@@ -160,19 +169,22 @@ def read(node: Node) -> BridgeSettings:
     """The present values.
 
     Raises:
-        ConfigError: a text parameter is none of the allowed words.
+        ConfigError: a text parameter is none of the allowed words, or a number cannot be used.
     """
 
     def word(name: str, allowed: tuple[str, ...]) -> str:
         value = str(node.get_parameter(name).value)
         if value not in allowed:
             raise ConfigError(
-                "servo_bridge", f"parameter {name}", f"{value!r} is none of: {listing(allowed)}"
+                "servo_bridge", f"parameter {name}", f"{shortened(value)!r} is none of: {listing(allowed)}"
             )
         return value
 
     def number(name: str) -> float:
-        return float(node.get_parameter(name).value)
+        value = float(node.get_parameter(name).value)
+        if problem := _number_problem(name, value):
+            raise ConfigError("servo_bridge", f"parameter {name}", problem)
+        return value
 
     return BridgeSettings(
         robot=str(node.get_parameter("robot").value),
@@ -202,5 +214,16 @@ def refusal(changes: list[Parameter], configured: bool) -> str:
         if configured and change.name in FIXED_WHILE_CONFIGURED:
             return f"{change.name} is fixed while the bridge is configured; call its lifecycle cleanup first"
         if change.name == "source" and change.value not in get_args(Source):
-            return f"source {change.value!r} is none of: {listing(get_args(Source))}"
+            return f"source {shortened(str(change.value))} is none of: {listing(get_args(Source))}"
+        if isinstance(change.value, float) and (problem := _number_problem(change.name, change.value)):
+            return f"{change.name} {problem}"
+    return ""
+
+
+def _number_problem(name: str, value: float) -> str:
+    """Why a number cannot be used, in words that follow its name, where its range cannot say it."""
+    if math.isnan(value):
+        return "nan is refused; give a number"
+    if name == "rate" and 0.0 < value < SLOWEST_HZ:
+        return f"{value:g} is refused; give 0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
     return ""

@@ -11,6 +11,10 @@ DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
 """Waiting times between tries in [s]; the last one repeats."""
 
 
+PROVEN_S = 5.0
+"""A state that lasted for so long in [s] counts as reached; one lost earlier goes on with the back-off."""
+
+
 class Recovery:
     """A wished state and a back-off between the tries to reach it, on a steady clock that is passed in.
 
@@ -24,11 +28,24 @@ class Recovery:
         self.wish: Wish = "none"
         self.tries = 0
         self._next_try = 0.0
+        self._reached: float | None = None
 
     def want(self, wish: Wish, now: float, *, wait: bool) -> None:
-        """Set the wish; the first try is due at once, or after the first delay."""
-        self.wish, self.tries = wish, int(wait)
-        self._next_try = now + (self._delay(0) if wait else 0.0)
+        """Set the wish; the first try is due at once, or after a delay.
+
+        The delay is the first one, unless what was reached before was lost again before it had proven itself.
+        """
+        flapping = self._reached is not None and now - self._reached < PROVEN_S
+        self.wish, self._reached = wish, None
+        if not (wait and flapping):
+            self.tries = 0
+        self._next_try = now
+        if wait:
+            self.failed(now)
+
+    def reached(self, now: float) -> None:
+        """The wish came true."""
+        self.wish, self._reached = "none", now
 
     def give_up(self) -> None:
         """Want nothing any more."""

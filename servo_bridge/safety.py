@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from servo_bridge.e_stop import EStop
 from servo_bridge.servo import byte_to_angle
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.limits import JointLimits, check_command
@@ -69,13 +70,18 @@ class ServoMotion:
     """Positions of the servos over time: from the last known pose, within limits, to the newest command.
 
     Modes: "track" follows a fresh command; "hold" stays; "rest" goes slowly to the rest pose and stays there;
-    "e_stop" stays until `clear_e_stop`, whatever is commanded.
+    "e_stop" stays while the e-stop is latched, whatever is commanded. After an e-stop "hold" lasts until the
+    first command given after its clearing.
 
     Args:
         names: Joint names, for messages.
         limits: Limits of each servo; see `servo_limits`.
         rest: Rest angle of each servo in [rad], within the limits; also the first pose.
         settings: Timing; may be replaced at any time.
+        e_stop: The latch, looked at with every step and command; None makes one.
+
+    Attributes:
+        top_speed: Bound of every joint's speed in [rad/s] beside its own limit: the board's.
     """
 
     def __init__(
@@ -84,84 +90,87 @@ class ServoMotion:
         limits: Sequence[JointLimits],
         rest: Sequence[float],
         settings: MotionSettings | None = None,
+        e_stop: EStop | None = None,
     ) -> None:
         self.names, self.limits, self.rest = tuple(names), tuple(limits), tuple(rest)
         self.settings = settings or MotionSettings()
+        self.e_stop = e_stop or EStop()
+        self.top_speed = math.inf
         self.positions: tuple[float, ...] = self.rest
         self.velocities: tuple[float, ...] = (0.0,) * len(self.rest)
         self.clipped = 0
         self._target: tuple[float, ...] | None = None
         self._command_time: float | None = None
-        self._since = 0.0  # start of the present silence: last command, start, or clearing of the e-stop
+        self._since = 0.0  # start of the present silence: last command, or start
         self._last_step: float | None = None  # none since the start: the first step moves nothing
         self._mode: MotionMode = "rest"
-        self._stopped = False
+        self._stops_seen = self.e_stop.count
+        self._parked = self.e_stop.latched  # after an e-stop: until the next command
 
     @property
     def mode(self) -> MotionMode:
         """What the last step did."""
-        return "e_stop" if self._stopped else self._mode
-
-    @property
-    def e_stopped(self) -> bool:
-        """Whether the software e-stop is latched."""
-        return self._stopped
+        return "e_stop" if self.e_stop.latched else self._mode
 
     @property
     def at_rest(self) -> bool:
         """Whether every servo is exactly at its rest angle."""
         return self.positions == self.rest
 
+    @property
+    def standing(self) -> bool:
+        """Whether no servo moved with the last step."""
+        return not any(self.velocities)
+
     def command_age(self, now: float) -> float | None:
         """Time in [s] since the newest accepted command; None before the first."""
         return None if self._command_time is None else now - self._command_time
 
     def start(self, now: float) -> None:
-        """Begin with the last known pose and move on from there; commands given before do not count."""
-        self._target, self._command_time, self._last_step = None, None, None
+        """Begin anew from the last known pose; commands given before do not count, nor does an old e-stop."""
+        self._heed()
+        self.forget(now)
+        self._parked = self.e_stop.latched
+
+    def forget(self, now: float) -> None:
+        """Stand at the last known pose; commands given before do not count."""
+        self._target, self._command_time = None, None
         self._since = now
         self._mode = "hold"
         self._stand()
 
     def resume_from(self, positions: Sequence[float]) -> None:
-        """Take over a pose that is known from elsewhere, in [rad], clamped to the limits."""
+        """Take over a pose that is known from elsewhere, in [rad], clamped to the limits, and stand there."""
         self.positions = tuple(
             limits.clamp(position) for limits, position in zip(self.limits, positions, strict=True)
         )
+        self._stand()
 
     def command(self, angles_rad: Sequence[float], now: float) -> None:
         """Take a new target; only the newest counts. It is clamped to the limits.
+
+        While the e-stop is latched the command is checked and otherwise passed over.
 
         Raises:
             CommandError: wrong length, or a value that is not finite; the former target stays.
         """
         values = check_command(angles_rad, self.names)
         target = tuple(limits.clamp(value) for limits, value in zip(self.limits, values, strict=True))
+        if self._heed():
+            return
         self.clipped += target != tuple(values)
-        self._target = target
+        self._target, self._parked = target, False
         self._command_time = self._since = now
-
-    def e_stop(self) -> None:
-        """Latch the software e-stop: every servo stays where it was last sent."""
-        self._stopped = True
-        self._stand()
-
-    def clear_e_stop(self, now: float) -> None:
-        """Release the e-stop; the servos stay until a command newer than this (or the rest timeout)."""
-        if self._stopped:
-            self._stopped = False
-            self.start(now)
 
     def step(self, now: float) -> tuple[float, ...]:
         """Positions in [rad] to send at `now`; no servo breaks its limits since the last step."""
-        settings, silence = self.settings, now - self._since
-        if self._stopped:
-            self._last_step = now
+        if self._heed():
             return self.positions
+        settings, silence = self.settings, now - self._since
         if self._target is not None and silence <= settings.hold_timeout_s:
             self._mode = "track"
             return self._move(self._target, math.inf, now)
-        if silence <= max(settings.rest_timeout_s, settings.hold_timeout_s):
+        if self._parked or silence <= max(settings.rest_timeout_s, settings.hold_timeout_s):
             self._mode = "hold"
             return self._brake(now)
         self._mode = "rest"
@@ -169,15 +178,30 @@ class ServoMotion:
 
     def step_to_rest(self, now: float) -> tuple[float, ...]:
         """As `step`, but towards the rest pose at the limits' speed, as on the way out; an e-stop holds."""
-        if self._stopped:
-            return self.step(now)
+        if self._heed():
+            return self.positions
         self._mode, self._target = "rest", None
         return self._move(self.rest, math.inf, now)
+
+    def brake(self, now: float) -> tuple[float, ...]:
+        """Positions in [rad] to send at `now` on the way to a stand, at the limit of acceleration."""
+        return self.positions if self._heed() else self._brake(now)
+
+    def _heed(self) -> bool:
+        """Look at the e-stop: whether it is latched. One latched since the last look ends every motion."""
+        latched = self.e_stop.latched
+        if self.e_stop.count != self._stops_seen:
+            self._stops_seen = self.e_stop.count
+            self._target, self._command_time, self._parked = None, None, True
+            self._stand()
+        return latched
 
     def _move(self, target: Sequence[float], top_speed: float, now: float) -> tuple[float, ...]:
         dt = self._passed(now)
         return self._take(
-            replace(limits, speed=min(limits.speed, top_speed)).step(position, velocity, goal, dt)
+            replace(limits, speed=min(limits.speed, top_speed, self.top_speed)).step(
+                position, velocity, goal, dt
+            )
             for limits, position, velocity, goal in zip(
                 self.limits, self.positions, self.velocities, target, strict=True
             )
@@ -200,4 +224,4 @@ class ServoMotion:
         return self.positions
 
     def _stand(self) -> None:
-        self.velocities = (0.0,) * len(self.rest)
+        self.velocities, self._last_step = (0.0,) * len(self.rest), None

@@ -82,9 +82,10 @@ def width_to_angle(width_us: float, servo: ServoCalibration) -> float:
     return servo.sign * math.radians(width_to_byte(width_us) - servo.zero_byte - servo.trim_deg)
 
 
-def width_limits(servo: ServoCalibration) -> tuple[int, int]:
-    """Smallest and largest pulse width in [us] that `angle_to_width` gives."""
-    return round(byte_to_width(servo.byte_min)), round(byte_to_width(servo.byte_max))
+def width_limits(servo: ServoCalibration) -> tuple[int, int, int]:
+    """Smallest, rest and largest pulse width in [us] of a servo."""
+    least, rest, largest = map(byte_to_width, (servo.byte_min, servo.rest_byte, servo.byte_max))
+    return round(least), round(rest), round(largest)
 
 
 def angles_to_bytes(angles_rad: Sequence[float], servos: Sequence[ServoCalibration]) -> tuple[int, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -25,16 +26,25 @@ class PeriodFigures:
 
 
 class PeriodicThread:
-    """Calls `tick` every `period` seconds of the steady clock until it is stopped.
+    """Calls `tick` every `period` seconds of the steady clock until it is stopped, or raises.
 
     Args:
-        tick: Called in the thread; must not raise.
-        period: Time between calls in [s].
+        tick: Called in the thread.
+        period: Time between calls in [s], finite and > 0.
         name: Name of the thread.
+
+    Attributes:
+        failure: What `tick` raised: the thread has ended; None while it lives, or was stopped.
+
+    Raises:
+        ValueError: the period is not allowed.
     """
 
     def __init__(self, tick: Callable[[], None], period: float, name: str = "servo_board_writer") -> None:
+        if not 0.0 < period < math.inf:  # also refuses NaN
+            raise ValueError(f"period {period} s refused; it must be finite and > 0 s")
         self._tick, self.period = tick, period
+        self.failure: Exception | None = None
         self._stop = threading.Event()
         self._periods: deque[float] = deque(maxlen=max(1, round(1.0 / period)))
         self._missed = 0
@@ -59,6 +69,12 @@ class PeriodicThread:
         return PeriodFigures(sum(periods) / len(periods), worst, self._missed)
 
     def _run(self) -> None:
+        try:
+            self._keep_time()
+        except Exception as error:  # told to whoever supervises the thread
+            self.failure = error
+
+    def _keep_time(self) -> None:
         due = time.monotonic()
         last: float | None = None
         while not self._stop.wait(max(due - time.monotonic(), 0.0)):

@@ -21,8 +21,8 @@
 #define LEGACY_ONLY /* the text protocol has neither frames nor telemetry */
 #endif
 
-#define PROTOCOL_VERSION 1
-#define FIRMWARE_MAJOR 1
+#define PROTOCOL_VERSION 2
+#define FIRMWARE_MAJOR 2
 #define FIRMWARE_MINOR 0
 
 /* Time: Timer1 counts 0.5 us ticks and is never reset. */
@@ -53,6 +53,7 @@
 #define REST_FRAMES 100u    /* 2 s of silence */
 #define STUCK_FRAMES 6u     /* main has not fed the watchdog for so long: remember it over the reset */
 #define PARTIAL_TICKS (40000ul * TICKS_PER_US)
+#define PARTIAL_FRAMES 3u   /* so many frames last longer than PARTIAL_TICKS, whatever the phase */
 
 /* Serial protocol. */
 #define LEGACY_HEADER 0xFFu
@@ -68,7 +69,7 @@ enum {
     FLAG_LIMITS = 1u << 5,
     FLAG_WATCHDOG = 1u << 6,
 };
-#define PAYLOAD_MAX 12u
+#define PAYLOAD_MAX 18u
 
 /* ---- shared between interrupts and main ------------------------------------------------------------------ */
 
@@ -208,11 +209,11 @@ static void send_frame(uint8_t type, const uint8_t *payload, uint8_t length)
 /* ---- motion ---------------------------------------------------------------------------------------------- */
 
 static uint16_t target[SERVOS], current[SERVOS]; /* in ticks */
-static uint16_t lowest[SERVOS], highest[SERVOS]; /* in ticks */
+static uint16_t lowest[SERVOS], highest[SERVOS], rest[SERVOS]; /* in ticks */
 static uint16_t slew = SLEW_TICKS;
 static uint8_t started;   /* a pose was commanded since the reset */
 static uint8_t relaxed;
-static uint8_t hold_asked;
+static uint8_t hold_asked; /* latched: only a pose in a frame ends it, silence does not */
 static uint8_t silence = 255; /* frames since the last valid command, saturating */
 
 static uint16_t within(uint16_t value, uint16_t low, uint16_t high)
@@ -246,14 +247,13 @@ static void move_one_frame(void)
         silence++;
     if (silence == HOLD_FRAMES)
         stop_moving();
-    if (silence >= REST_FRAMES && !relaxed) {
-        hold_asked = 0;
+    if (silence >= REST_FRAMES && !hold_asked) {
         for (uint8_t i = 0; i < SERVOS; i++)
-            target[i] = ANGLE_TICKS(ANGLE_REST);
+            target[i] = rest[i];
         if (step > CREEP_TICKS)
             step = CREEP_TICKS;
     }
-    for (uint8_t i = 0; i < SERVOS; i++) {
+    for (uint8_t i = 0; i < SERVOS && !relaxed; i++) { /* without pulses the servos stay where they were */
         uint16_t wanted = within(target[i], lowest[i], highest[i]);
         uint16_t from = current[i];
         if (wanted > from)
@@ -302,6 +302,7 @@ static uint8_t telemetry_wanted;
 static uint8_t limits_set;
 static uint8_t framed; /* the last valid command was a frame */
 #endif
+static uint8_t partial_frames; /* servo frames since the packet begun */
 
 static void reject(void)
 {
@@ -313,7 +314,8 @@ static void take_legacy(void)
 {
     uint16_t ticks[SERVOS];
 #ifndef LEGACY_ONLY
-    if (framed && silence < HOLD_FRAMES) { /* one flipped bit makes a legacy packet of a frame's first bytes */
+    /* One flipped bit makes a legacy packet of a frame's first bytes; and it never ends a hold. */
+    if (hold_asked || (framed && silence < HOLD_FRAMES)) {
         rejects++;
         return;
     }
@@ -333,7 +335,7 @@ static uint8_t length_of(uint8_t type)
     case RELAX:
     case HOLD:
     case PING: return 0;
-    case SET_LIMITS: return 12;
+    case SET_LIMITS: return 18;
     case SLEW: return 2;
     default: return 255;
     }
@@ -352,7 +354,7 @@ static uint8_t is_width(uint16_t us)
 /* Carry out a frame whose checksum is right; 0 where a value of it is not allowed (then nothing of it is done). */
 static uint8_t take_frame(void)
 {
-    uint16_t value[2 * SERVOS];
+    uint16_t value[3 * SERVOS];
     switch (frame_type) {
     case SET:
         for (uint8_t i = 0; i < SERVOS; i++) {
@@ -375,14 +377,15 @@ static uint8_t take_frame(void)
         telemetry_wanted = 1;
         break;
     case SET_LIMITS:
-        for (uint8_t i = 0; i < 2 * SERVOS; i++) {
+        for (uint8_t i = 0; i < 3 * SERVOS; i++) { /* least, rest, largest: each not below the one before */
             value[i] = twelve_bits(i);
-            if (!is_width(value[i]) || ((i & 1) && value[i - 1] > value[i]))
+            if (!is_width(value[i]) || (i % 3 && value[i - 1] > value[i]))
                 return 0;
         }
         for (uint8_t i = 0; i < SERVOS; i++) {
-            lowest[i] = value[2 * i] * TICKS_PER_US;
-            highest[i] = value[2 * i + 1] * TICKS_PER_US;
+            lowest[i] = value[3 * i] * TICKS_PER_US;
+            rest[i] = value[3 * i + 1] * TICKS_PER_US;
+            highest[i] = value[3 * i + 2] * TICKS_PER_US;
         }
         limits_set = 1;
         break;
@@ -393,11 +396,20 @@ static uint8_t take_frame(void)
         slew = value[0] * TICKS_PER_US;
         break;
     }
+    if (silence >= HOLD_FRAMES) /* the line is back, without a pose: stay where it finds the servos */
+        stop_moving();
     silence = 0;
     framed = 1;
     return 1;
 }
 #endif
+
+/* Once a frame: half a packet is gone before the clock of its age can wrap. */
+static void drop_old_packet(void)
+{
+    if (state != IDLE && ++partial_frames >= PARTIAL_FRAMES)
+        reject();
+}
 
 static void parse(uint8_t byte)
 {
@@ -414,6 +426,7 @@ static void parse(uint8_t byte)
 #endif
         state = byte == LEGACY_HEADER ? LEGACY : TYPE;
         packet_started = now;
+        partial_frames = 0;
         filled = 0;
         return;
     }
@@ -501,8 +514,8 @@ static void send_telemetry(void)
         flags |= FLAG_LINK;
     if (started && (hold_asked || (silence >= HOLD_FRAMES && silence < REST_FRAMES)))
         flags |= FLAG_HOLD;
-    if (pulses && silence >= REST_FRAMES)
-        flags = (flags & (uint8_t)~FLAG_HOLD) | FLAG_HOMING;
+    if (pulses && !hold_asked && silence >= REST_FRAMES)
+        flags |= FLAG_HOMING;
     if (pulses)
         flags |= FLAG_ACTIVE;
     if (relaxed)
@@ -540,7 +553,7 @@ static void start(void)
     PORTB = 0;
     DDRB = 1 << DDB1 | 1 << DDB2 | 1 << DDB3;
     for (uint8_t i = 0; i < SERVOS; i++) {
-        current[i] = target[i] = ANGLE_TICKS(ANGLE_REST);
+        current[i] = target[i] = rest[i] = ANGLE_TICKS(ANGLE_REST);
         next_width[i] = current[i];
         lowest[i] = WIDTH_MIN_US * TICKS_PER_US;
         highest[i] = WIDTH_MAX_US * TICKS_PER_US;
@@ -586,6 +599,8 @@ static void serve_frame(void)
     move_one_frame();
 #ifdef IMU
     imu_look();
+#else
+    drop_old_packet();
 #endif
 #ifndef LEGACY_ONLY
     static uint8_t beat;

@@ -6,11 +6,13 @@ silent, and keeps the servos' ranges.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from servo_bridge.protocols import frames
-from servo_bridge.protocols.extended_board import ExtendedBoard
+from servo_bridge.protocols.extended_board import FRAME_S, SLEW_US_PER_FRAME, ExtendedBoard
+from servo_bridge.protocols.following import Following
 from servo_bridge.protocols.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
 from servo_bridge.protocols.legacy import PacketParser
 from servo_bridge.protocols.protocol import (
@@ -21,7 +23,7 @@ from servo_bridge.protocols.protocol import (
     EncodedPacket,
 )
 from servo_bridge.protocols.tilt_lines import LineParser, text_of
-from servo_bridge.servo import angle_to_width, width_limits, width_to_angle, width_to_byte
+from servo_bridge.servo import PULSE_US_PER_180, angle_to_width, width_limits, width_to_angle, width_to_byte
 from softsim_core.scene.board import BoardDescription
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
@@ -63,6 +65,7 @@ class ExtendedProtocol(BoardProtocol):
         Ability.DETECT | Ability.TELEMETRY | Ability.HOLD | Ability.RELAX | Ability.LIMITS | Ability.REST
     )
     advice = "flash its firmware (softsim flash), or set the parameter protocol to auto"
+    top_speed = math.radians(SLEW_US_PER_FRAME / PULSE_US_PER_180 * 180.0 / FRAME_S)
 
     def __init__(self, board: BoardDescription) -> None:
         super().__init__(board)
@@ -72,6 +75,8 @@ class ExtendedProtocol(BoardProtocol):
         self.unacknowledged = 0
         self.counts = FrameCounts()
         self._frames, self._lines = FrameParser(), LineParser()
+        self._following = Following()
+        self._limits_seq: int | None = None  # of the ranges told since the takeover began
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
@@ -91,8 +96,10 @@ class ExtendedProtocol(BoardProtocol):
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
         """A SET frame of pulse widths."""
         widths = [angle_to_width(angle, servo) for angle, servo in zip(angles_rad, self.servos, strict=True)]
+        seq = self._next_seq()
+        self._following.told(seq, widths)
         return EncodedPacket(
-            frames.set_widths(self._next_seq(), widths),
+            frames.set_widths(seq, widths),
             tuple(round(width_to_byte(width)) for width in widths),
             tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True)),
         )
@@ -131,12 +138,34 @@ class ExtendedProtocol(BoardProtocol):
         widths = self.telemetry.widths_us
         return tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True))
 
+    def begin_takeover(self) -> None:
+        """What telemetry acknowledges from before is no answer."""
+        self._limits_seq = None
+        self._following.begin()
+
     def limits(self) -> bytes:
-        """SET_LIMITS with the widths of every servo's range."""
-        return frames.set_limits(self._next_seq(), [width_limits(servo) for servo in self.servos])
+        """SET_LIMITS with range and rest of every servo; repetitions keep their number."""
+        if self._limits_seq is None:
+            self._limits_seq = self._next_seq()
+            if self.telemetry is not None and self._limits_seq == self.telemetry.seq:
+                self._limits_seq = self._next_seq()
+        return frames.set_limits(self._limits_seq, [width_limits(servo) for servo in self.servos])
+
+    def acknowledged(self) -> bool:
+        """Whether telemetry carries the number of the ranges told."""
+        return (
+            self.telemetry is not None
+            and self.telemetry.seq == self._limits_seq
+            and BoardFlags.LIMITS_SET in self.telemetry.flags
+        )
+
+    def deviation(self) -> str:
+        """As telemetry contradicts the poses that were sent."""
+        return self._following.deviation
 
     def hold(self) -> bytes:
         """HOLD."""
+        self._following.begin()
         return frames.hold(self._next_seq())
 
     def relax(self) -> bytes:
@@ -179,10 +208,12 @@ class ExtendedProtocol(BoardProtocol):
     def _take_telemetry(self, frame: Frame) -> None:
         self.telemetry = frames.read_telemetry(frame)
         self.counts.telemetry += 1
+        self._following.hear(self.telemetry)
         if self.seq is not None:
             self.unacknowledged = (self.seq - self.telemetry.seq) % frames.SEQUENCES
             self.counts.most_unacknowledged = max(self.counts.most_unacknowledged, self.unacknowledged)
 
     def _next_seq(self) -> int:
+        self._following.sent()
         self.seq = 1 if self.seq is None else (self.seq + 1) % frames.SEQUENCES
         return self.seq

@@ -9,8 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from servo_bridge.protocols import frames
-from servo_bridge.protocols.frames import SERVOS, Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
-from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols.frames import (
+    FRAME_HEADER,
+    SERVOS,
+    Banner,
+    BoardFlags,
+    Frame,
+    FrameParser,
+    FrameType,
+    Telemetry,
+)
+from servo_bridge.protocols.legacy import PARTIAL_TIMEOUT_S, PacketParser
 from servo_bridge.protocols.protocol import BoardModel
 from servo_bridge.servo import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
 
@@ -18,13 +27,17 @@ FRAME_S = 0.020
 """Period of the servo pulses in [s]; once in it the widths move."""
 
 TICKS_PER_US = 2
+SLEW_US_PER_FRAME = 61.0
+"""Largest change of a width in a frame in [us], unless SLEW sets another."""
+
 PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
 SLEW_MAX_US = 124
 
-_SLEW, _CREEP = 122, 20  # ticks a frame
+_SLEW, _CREEP = round(SLEW_US_PER_FRAME * TICKS_PER_US), 20  # ticks a frame
 _HOLD_FRAMES, _REST_FRAMES = 25, 100
 _REST_BYTE = 150
 _LARGEST_LAG_S = 0.5
+_PARTIAL_AT_MOST_S = 3 * FRAME_S  # half a packet is dropped then, whether a byte comes or not
 
 
 def byte_ticks(servo_byte: int) -> int:
@@ -43,16 +56,18 @@ class BoardMotion:
     Attributes:
         started: A pose was commanded since the reset: before it there are no pulses.
         relaxed: The pulses were switched off.
-        hold_asked: A frame asked to hold.
+        hold_asked: A frame asked to hold; only a pose in a frame ends it.
         slew: Largest change of a width in a frame, in ticks.
         ranges: Least and largest width of each servo in ticks.
+        rest: Width of each servo in ticks in the rest pose.
     """
 
     def __init__(self) -> None:
         self.started = self.relaxed = self.hold_asked = False
         self.slew = _SLEW
         self.ranges = [(PULSE_MIN_US * TICKS_PER_US, PULSE_MAX_US * TICKS_PER_US)] * SERVOS
-        self._current = [byte_ticks(_REST_BYTE)] * SERVOS
+        self.rest = [byte_ticks(_REST_BYTE)] * SERVOS
+        self._current = list(self.rest)
         self._target = list(self._current)
         self._silence = _REST_FRAMES  # frames since the newest valid command, saturating
         self._next_frame: float | None = None
@@ -70,13 +85,13 @@ class BoardMotion:
     @property
     def homing(self) -> bool:
         """Whether the servos creep to the rest pose, or stand there, for want of commands."""
-        return self.active and self._silence >= _REST_FRAMES
+        return self.active and not self.hold_asked and self._silence >= _REST_FRAMES
 
     @property
     def holding(self) -> bool:
         """Whether the servos hold where they are: asked to, or for want of commands."""
         silent = _HOLD_FRAMES <= self._silence < _REST_FRAMES
-        return self.started and not self.homing and (self.hold_asked or silent)
+        return self.started and (self.hold_asked or silent)
 
     @property
     def arrived(self) -> bool:
@@ -94,14 +109,16 @@ class BoardMotion:
         if not self.started:
             self._current = list(self._target)
         self.started, self.relaxed, self.hold_asked = True, False, False
-        self.heard()
+        self._silence = 0
 
     def stop(self) -> None:
         """Stay where the servos are."""
         self._target = list(self._current)
 
     def heard(self) -> None:
-        """A valid command came."""
+        """A valid command came; one that ends a silence finds the servos where they stay."""
+        if not self.linked:
+            self.stop()
         self._silence = 0
 
     def advance(self, now: float) -> None:
@@ -117,10 +134,11 @@ class BoardMotion:
         if self._silence == _HOLD_FRAMES:
             self.stop()
         step = self.slew
-        if self._silence >= _REST_FRAMES and not self.relaxed:
-            self.hold_asked = False
-            self._target = [byte_ticks(_REST_BYTE)] * SERVOS
+        if self._silence >= _REST_FRAMES and not self.hold_asked:
+            self._target = list(self.rest)
             step = min(step, _CREEP)
+        if self.relaxed:
+            return  # without pulses the servos stay where they were
         self._current = [
             now + max(-step, min(step, wanted - now))
             for wanted, now in zip(self._within(self._target), self._current, strict=True)
@@ -140,15 +158,17 @@ class ExtendedBoard(BoardModel):
         refused: Well-formed packets and frames refused for what they ask.
         seq: Sequence number of the newest accepted frame.
         silent: Say nothing any more, as a board that hangs.
+        deaf: Hear nothing any more, as behind a broken wire.
         motion: The servos.
     """
 
     say_period_s = TELEMETRY_PERIOD_S
 
     def __init__(self, legacy: PacketParser) -> None:
-        self.silent = False
+        self.silent = self.deaf = False
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
+        self._begun = 0.0  # when the frame begun last did
         self.reset()
 
     def reset(self, cause: int = RESET_EXTERNAL) -> None:
@@ -179,10 +199,15 @@ class ExtendedBoard(BoardModel):
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Take bytes; the poses accepted among them as degrees of the servos, rounded, oldest first."""
-        self.motion.advance(now)
+        self.advance(now)
+        if self.deaf:
+            return []
         poses = []
         for value in data:  # in the order of arrival, whatever the protocol
             byte = bytes([value])
+            self._drop_older(now, PARTIAL_TIMEOUT_S)
+            if value == FRAME_HEADER:
+                self._begun = now
             for servo_bytes in self._legacy.feed(byte, now):
                 if self._take_packet(servo_bytes):
                     poses.append(servo_bytes)
@@ -197,7 +222,7 @@ class ExtendedBoard(BoardModel):
 
     def say(self, now: float) -> bytes:
         """The banner where it is due, then telemetry; nothing while it is silent."""
-        self.motion.advance(now)
+        self.advance(now)
         data = b""
         if self._banner_due:
             self._banner_due = False
@@ -211,8 +236,9 @@ class ExtendedBoard(BoardModel):
         return b"" if self.silent else data
 
     def advance(self, now: float) -> None:
-        """Let the servos move."""
+        """Let the servos move, and drop half a packet in time."""
         self.motion.advance(now)
+        self._drop_older(now, _PARTIAL_AT_MOST_S)
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
@@ -233,8 +259,8 @@ class ExtendedBoard(BoardModel):
         return BoardFlags(sum(flag for flag, is_set in states.items() if is_set))
 
     def _take_packet(self, servo_bytes: tuple[int, ...]) -> bool:
-        """Take a legacy packet; soon after a frame it is refused: a flipped bit makes one of a frame."""
-        if self._framed and self.motion.linked:
+        """Take a legacy packet, unless a hold lasts, or a frame came: a flipped bit makes one of it."""
+        if self.motion.hold_asked or (self._framed and self.motion.linked):
             self.refused += 1
             return False
         self._framed = False
@@ -253,10 +279,11 @@ class ExtendedBoard(BoardModel):
                 return False
             motion.command(ticks)
         elif frame.kind is FrameType.SET_LIMITS:
-            pairs = list(zip(ticks[::2], ticks[1::2], strict=True))
-            if not all(map(_is_width, numbers)) or any(low > high for low, high in pairs):
+            threes = list(zip(ticks[::3], ticks[1::3], ticks[2::3], strict=True))
+            if not all(map(_is_width, numbers)) or any(sorted(each) != list(each) for each in threes):
                 return False
-            motion.ranges, self._limits_set = pairs, True
+            motion.ranges = [(least, largest) for least, _, largest in threes]
+            motion.rest, self._limits_set = [rest for _, rest, _ in threes], True
         elif frame.kind is FrameType.SLEW:
             if not 1 <= numbers[0] <= SLEW_MAX_US:
                 return False
@@ -268,6 +295,11 @@ class ExtendedBoard(BoardModel):
         motion.heard()
         self.seq, self._framed = frame.seq, True
         return True
+
+    def _drop_older(self, now: float, age_s: float) -> None:
+        self._legacy.drop_older(now, age_s)
+        if self._frames.begun and now - self._begun > age_s:
+            self._frames.drop()
 
     def _next(self) -> int:
         self._own_seq = (self._own_seq + 1) % frames.SEQUENCES

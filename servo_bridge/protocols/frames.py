@@ -19,10 +19,10 @@ from servo_bridge.errors import PacketError
 FRAME_HEADER = 0xFE
 """First byte of a frame; no other byte of a frame has this value."""
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 """Version that the banner of a board of this protocol carries."""
 
-FIRMWARE_VERSION = (1, 0)
+FIRMWARE_VERSION = (2, 0)
 """Major and minor version of firmware/tripod.c, which the banner carries, too."""
 
 SERVOS = 3
@@ -52,7 +52,7 @@ PAYLOAD_SEXTETS: dict[FrameType, int] = {
     FrameType.RELAX: 0,
     FrameType.HOLD: 0,
     FrameType.PING: 0,
-    FrameType.SET_LIMITS: 4 * SERVOS,
+    FrameType.SET_LIMITS: 6 * SERVOS,
     FrameType.SLEW: 2,
     FrameType.BANNER: 4,
     FrameType.TELEMETRY: 7 + 2 * SERVOS,
@@ -191,13 +191,13 @@ def ping(seq: int) -> bytes:
     return encode(Frame(FrameType.PING, seq))
 
 
-def set_limits(seq: int, limits_us: Sequence[tuple[int, int]]) -> bytes:
-    """SET_LIMITS: smallest and largest pulse width in [us], one pair a servo.
+def set_limits(seq: int, limits_us: Sequence[tuple[int, int, int]]) -> bytes:
+    """SET_LIMITS: smallest, rest and largest pulse width in [us], three a servo.
 
     Raises:
-        PacketError: wrong number of pairs, or a width that does not fit into 12 bits.
+        PacketError: wrong number of servos, or a width that does not fit into 12 bits.
     """
-    return encode(Frame(FrameType.SET_LIMITS, seq, split12([end for pair in limits_us for end in pair])))
+    return encode(Frame(FrameType.SET_LIMITS, seq, split12([each for three in limits_us for each in three])))
 
 
 def slew(seq: int, us_per_frame: int) -> bytes:
@@ -271,9 +271,19 @@ class FrameParser:
     dropped: int = 0
     _body: list[int] | None = field(default=None, repr=False)
 
+    @property
+    def begun(self) -> bool:
+        """Whether a frame has begun and not ended."""
+        return self._body is not None
+
     def reset(self) -> None:
         """Forget a frame begun; the counters stay."""
         self._body = None
+
+    def drop(self) -> None:
+        """Drop a frame begun, and count it; without one nothing happens."""
+        if self._body is not None:
+            self._drop()
 
     def feed(self, data: bytes) -> list[Frame]:
         """Frames completed by these bytes, oldest first; never raises."""

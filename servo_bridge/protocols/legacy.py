@@ -131,6 +131,11 @@ class PacketParser:
         """Forget a packet begun, as a reset of the board does; the counters stay."""
         self._partial = None
 
+    def drop_older(self, now: float, age_s: float) -> None:
+        """Drop a packet begun more than `age_s` seconds before `now`, and count it."""
+        if self._partial is not None and now - self._started > age_s:
+            self._drop()
+
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Packets completed by bytes received at the time `now` in [s] (any steady clock), oldest first."""
         packets: list[tuple[int, ...]] = []
@@ -141,8 +146,7 @@ class PacketParser:
         return packets
 
     def _take(self, value: int, now: float) -> tuple[int, ...] | None:
-        if self._partial is not None and now - self._started > PARTIAL_TIMEOUT_S:
-            self._drop()
+        self.drop_older(now, PARTIAL_TIMEOUT_S)
         if value == self.header:
             if self._partial is not None:
                 self._drop()

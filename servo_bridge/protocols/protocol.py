@@ -154,6 +154,7 @@ class BoardProtocol(ABC):
         abilities: What such a board can do.
         baud_rate: Bits a second of all boards of this protocol; None: as the robot's board settings say.
         advice: What to do where no such board answers, for messages.
+        top_speed: Largest speed in [rad/s] with which such a board moves a servo; it is told none faster.
         avoid_byte_100: The byte 100 shall not be sent where it can be helped: coming first after a reset amid
             a packet it makes the boot loader of an Uno erase the firmware. Set before every `encode`.
     """
@@ -162,6 +163,7 @@ class BoardProtocol(ABC):
     abilities: ClassVar[Ability] = Ability(0)
     baud_rate: ClassVar[int | None] = None
     advice: ClassVar[str] = "check which board it is, or set the parameter protocol to auto"
+    top_speed: ClassVar[float] = math.inf
 
     def __init__(self, board: BoardDescription) -> None:
         self.board, self.servos = board, board.servos
@@ -216,13 +218,28 @@ class BoardProtocol(ABC):
         """Why the board that was recognised cannot be driven, as "speaks version 2 ..."; empty: it can."""
         return ""
 
-    def pose(self) -> Sequence[float] | None:
-        """Joint angles in [rad] at which a board that (re)started stands; None where it has no pulses."""
-        return None
+    def begin_takeover(self) -> None:
+        """The board's pose is not known any more: what it said so far does not count as an answer."""
+        return
 
     def limits(self) -> bytes:
-        """Packet that tells the board the ranges of its servos (ability LIMITS); sent when it (re)started."""
+        """Packet that tells the board the ranges of its servos (ability LIMITS).
+
+        Sent when the board (re)started, and before its pose is taken over: again until `acknowledged`.
+        """
         return b""
+
+    def acknowledged(self) -> bool:
+        """Whether the board says that it has taken what `limits` gave since `begin_takeover`."""
+        return True
+
+    def pose(self) -> Sequence[float] | None:
+        """Joint angles in [rad] at which the board stands; None where it has no pulses."""
+        return None
+
+    def deviation(self) -> str:
+        """What the board does other than it was told, as "stands still ..."; empty: it does as told."""
+        return ""
 
     def hold(self) -> bytes:
         """Packet that makes the board stay where it is (ability HOLD); sent while the e-stop is latched."""

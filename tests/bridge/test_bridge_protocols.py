@@ -18,7 +18,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
 
@@ -86,7 +86,39 @@ def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     assert client.state() == "active"
 
 
+<<<<<<< HEAD
 @pytest.mark.slow
+=======
+def test_a_board_that_hears_nothing_is_an_error_although_its_telemetry_lives(
+    start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
+) -> None:
+    bridge = start_bridge(autostart="activate", open_wait_s=60.0)
+    diagnostics = client.collect(DiagnosticArray, "/diagnostics")
+    stream(client.publisher(Float64MultiArray, COMMANDS), command(-2.0, -2.0, -2.0))
+    assert board.wait_for(lambda b: b.servo_bytes == (64, 64, 64))
+    board.model.deaf = True
+
+    def newest() -> DiagnosticStatus | None:
+        found = [each for item in diagnostics for each in item.status if "servo_bridge" in each.name]
+        return found[-1] if found else None
+
+    def wrong() -> bool:
+        status = newest()
+        return status is not None and status.level == DiagnosticStatus.ERROR and "asking" in status.message
+
+    assert wait_until(wrong)
+    assert bridge.says("the bridge goes on from where the board stands")
+    assert wait_until(lambda: (board.widths_us or (0.0,))[0] > 2000.0)  # it went to rest by itself
+    board.model.deaf = False
+    board.clear()
+    assert board.wait_for(lambda b: len(b.packets) > 0)
+    assert board.packets[0].servo_bytes[0] > 140  # from there, not where it was sent before
+    assert board.wait_for(lambda b: b.servo_bytes == (64, 64, 64))
+    assert wait_until(lambda: not wrong())
+    assert board.open_count == 1
+
+
+>>>>>>> helper/stop
 def test_a_demanded_protocol_that_is_absent_is_a_sentence(
     start_bridge: Starter, client: Any, tmp_path: Path
 ) -> None:

@@ -87,7 +87,7 @@ def test_the_wire_carries_what_was_said_to_be_sent(
 def test_the_e_stop_outlives_the_way_out(driver: ServoDriver, clock: TestClock, board: VirtualBoard) -> None:
     driver.command([-1.5] * 3)
     pose = run(driver, clock, 0.1)[-1]
-    driver.motion.e_stop()
+    driver.motion.e_stop.latch()
     assert not driver.settle()
     assert board.wait_for(lambda b: len(b.packets) == 5)
     assert board.servo_bytes == pose
@@ -109,16 +109,23 @@ def test_settling_ends_at_rest_within_the_speed_limit(
     assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
 
 
-def test_a_slow_joint_ends_at_rest_all_the_same(board: VirtualBoard, clock: TestClock) -> None:
-    driver = ServoDriver(robot(limits=JointLimits(-2.0, -0.1, 0.05)), clock=clock, wait=clock.wait)
+def test_a_way_to_rest_that_takes_too_long_ends_on_the_way_within_the_limits(
+    board: VirtualBoard, clock: TestClock
+) -> None:
+    slow = JointLimits(-2.0, -0.1, 0.5, acceleration=5.0)
+    driver = ServoDriver(robot(limits=slow), clock=clock, wait=clock.wait)
     driver.connect(board.port)
     driver.start()
-    for _ in range(500):
+    for _ in range(200):
         driver.command([-2.0] * 3)
         run(driver, clock, PERIOD)
-    start = clock.now
-    assert driver.settle(1.5)
-    assert clock.now - start < 1.7
+    start, seen = clock.now, [driver.motion.positions[0]]
+    assert not driver.settle(0.5, lambda: seen.append(driver.motion.positions[0]))
+    assert clock.now - start < 0.7  # and 0.1 s to brake
+    speeds = [0.0, *((after - before) / PERIOD for before, after in pairwise(seen))]
+    assert max(map(abs, speeds)) <= 0.5 + 1e-9
+    assert max(abs(after - before) for before, after in pairwise([*speeds, 0.0])) <= 5.0 * PERIOD + 1e-9
+    assert driver.settle(10.0)
     assert driver.sent_bytes == (150, 150, 150)
     driver.disconnect()
 
@@ -131,6 +138,7 @@ def test_nothing_is_written_while_the_board_starts(board: VirtualBoard, clock: T
         clock.wait(PERIOD)
         assert driver.tick() is None
     assert not driver.settle()  # this board was never told to move
+    driver.start()
     clock.wait(2 * PERIOD)
     assert driver.tick() == (150, 150, 150)
     assert board.wait_for(lambda b: b.accepted == 1)

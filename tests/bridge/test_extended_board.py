@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from board_driving import TestClock, Wait, flags, robot, run, take_over
 
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
@@ -15,39 +16,7 @@ from servo_bridge.protocols.frames import FIRMWARE_VERSION, BoardFlags, set_widt
 from servo_bridge.servo import angle_to_width, byte_to_angle, byte_to_width, width_limits, width_to_angle
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import SceneError
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
-from softsim_core.scene.robot import RobotDescription
-
-PERIOD = 0.02
-Wait = Callable[..., bool]
-
-
-def robot(count: int = 3, **servo: int) -> RobotDescription:
-    names = [f"j{number}" for number in range(count)]
-    limits = JointLimits(-2.0225, -0.0255, 3.5, 1e9)
-    return RobotDescription(
-        scene=SceneDescription(
-            name="robot", joints=tuple(JointDescription(name=name, limits=limits) for name in names)
-        ),
-        board=BoardDescription(servos=tuple(ServoCalibration(joint=name, **servo) for name in names)),
-    )
-
-
-class TestClock:
-    """A clock that moves only when told to."""
-
-    __test__ = False
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-    def wait(self, duration_s: float) -> None:
-        self.now += duration_s
+from softsim_core.scene.board import ServoCalibration
 
 
 @pytest.fixture
@@ -71,25 +40,15 @@ def driver(board: VirtualBoard, clock: TestClock, wait_until: Wait) -> Iterator[
     made.disconnect()
 
 
-def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[int, ...] | None]:
-    sent = []
-    for _ in range(round(duration_s / PERIOD)):
-        clock.wait(PERIOD)
-        sent.append(driver.tick())
-    return sent
-
-
-def flags(driver: ServoDriver) -> BoardFlags:
-    assert driver.link is not None
-    return BoardFlags(0) if driver.link.board.telemetry is None else driver.link.board.telemetry.flags
-
-
 def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
     assert board.received == 0
     assert driver.tick() is None  # SET_LIMITS
-    assert driver.tick() == (150, 150, 150)
+    assert board.wait_for(lambda b: b.model.limits_us != ())
+    assert board.accepted == 0
+    take_over(driver)
+    assert driver.sent_bytes == (150, 150, 150)
     assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
     assert board.model.limits_us == ((1163, 2400),) * 3
     assert wait_until(lambda: BoardFlags.LIMITS_SET | BoardFlags.ACTIVE in flags(driver))
@@ -101,8 +60,8 @@ def test_a_banner_ends_the_quiet_time_and_ranges_go_before_poses(
 def test_poses_are_finer_than_a_degree_and_acknowledged(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
-    driver.tick()
     driver.start()
+    take_over(driver)
     driver.command([-1.4965, -1.046667, -0.785])
     run(driver, clock, 0.4)
     widths = tuple(angle_to_width(angle, servo) for angle, servo in zip(
@@ -118,11 +77,11 @@ def test_poses_are_finer_than_a_degree_and_acknowledged(
 def test_the_e_stop_is_said_to_the_board(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
-    driver.tick()
+    take_over(driver)
     driver.command([-1.0] * 3)
     run(driver, clock, 0.2)
     pose = driver.applied_angles()
-    driver.motion.e_stop()
+    driver.motion.e_stop.latch()
     driver.command([-2.0] * 3)
     run(driver, clock, 0.2)
     assert driver.applied_angles() == pose
@@ -135,7 +94,7 @@ def test_the_e_stop_is_said_to_the_board(
 def test_pulses_are_switched_off_at_the_end_at_rest(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard
 ) -> None:
-    driver.tick()
+    take_over(driver)
     driver.command([-1.0] * 3)
     run(driver, clock, 0.2)
     assert driver.settle()
@@ -147,7 +106,7 @@ def test_pulses_are_switched_off_at_the_end_at_rest(
 def test_a_board_that_restarts_is_told_its_ranges_and_the_pose_goes_on_from_the_last(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
-    driver.tick()
+    take_over(driver)
     driver.command([-1.0] * 3)
     run(driver, clock, 0.3)
     pose = driver.applied_angles()
@@ -160,8 +119,8 @@ def test_a_board_that_restarts_is_told_its_ranges_and_the_pose_goes_on_from_the_
     assert wait_until(lambda: driver.link_state == "extended")
     assert BoardFlags.WATCHDOG in flags(driver)
     assert driver.tick() is None
-    clock.wait(PERIOD)
-    assert driver.tick() == (122, 122, 122)
+    take_over(driver)
+    assert driver.sent_bytes == (122, 122, 122)
     assert driver.applied_angles() == pose
     assert driver.counts.restarts == 2
     assert board.wait_for(lambda b: b.model.limits_us != ())
@@ -177,8 +136,7 @@ def test_a_board_that_kept_its_pose_gives_the_first_one(
         board.model.feed(set_widths(0, [1500, 1600, 1700]), time.monotonic())
     assert wait_until(lambda: BoardFlags.ACTIVE in flags(driver))
     driver.start()
-    driver.tick()
-    driver.tick()
+    take_over(driver)
     assert board.wait_for(lambda b: b.accepted == 2)
     assert board.widths_us == (1500.0, 1600.0, 1700.0)
     driver.disconnect()
@@ -204,7 +162,7 @@ def test_telemetry_that_stops_is_a_lost_board(
 def test_a_damaged_line_is_rejected_and_reported(
     driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
 ) -> None:
-    driver.tick()
+    take_over(driver)
     assert driver._transport is not None
     driver._transport.write(b"\xfe\x81\x85\x80\xfe\x9f")
     driver.tick()
@@ -220,7 +178,8 @@ def test_widths_of_nominal_angles_are_those_of_the_bytes(sign: int, zero: int) -
         assert abs(angle_to_width(angle, servo) - byte_to_width(byte)) <= 0.5 + 1e-6
         assert width_to_angle(byte_to_width(byte), servo) == pytest.approx(angle)
     for angle in (-1e308, -1e9, -3.0, 0.0, 3.0, 1e9, 1e308):
-        low, high = width_limits(servo)
+        low, rest, high = width_limits(servo)
+        assert low <= rest <= high
         assert low <= angle_to_width(angle, servo) <= high
 
 

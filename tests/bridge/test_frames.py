@@ -47,7 +47,7 @@ def test_a_set_frame_has_these_bytes() -> None:
         (frames.relax(1), 5),
         (frames.hold(2), 5),
         (frames.ping(3), 5),
-        (frames.set_limits(4, [(1163, 2400)] * 3), 17),
+        (frames.set_limits(4, [(1163, 2091, 2400)] * 3), 23),
         (frames.slew(5, 62), 7),
         (frames.banner(6, Banner(1, 0, 3, 2)), 9),
         (frames.telemetry(7, Telemetry(9, BoardFlags.LINK, (1500,) * 3, 0, 0)), 18),

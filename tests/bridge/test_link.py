@@ -15,7 +15,7 @@ from servo_bridge.protocols.frames import Banner, BoardFlags, Telemetry
 from softsim_core.scene.board import BoardDescription, ServoCalibration
 
 BOARD = BoardDescription(servos=tuple(ServoCalibration(joint=name) for name in "abc"))
-BANNER = frames.banner(0, Banner(1, 1, 0, 2))
+BANNER = frames.banner(0, Banner(frames.PROTOCOL_VERSION, 2, 0, 2))
 REST = (2091,) * 3
 
 
@@ -86,15 +86,27 @@ def test_an_extended_board_that_is_demanded_and_absent_is_a_sentence() -> None:
 
 def test_a_board_of_another_version_is_a_sentence() -> None:
     link = opened()
-    link.receive(frames.banner(0, Banner(2, 1, 0, 0)), 11.0)
-    with pytest.raises(PortError, match="speaks version 2 of the extended protocol, this bridge version 1"):
+    link.receive(frames.banner(0, Banner(1, 1, 0, 0)), 11.0)
+    with pytest.raises(PortError, match="speaks version 1 of the extended protocol, this bridge version 2"):
         link.check(11.0)
+
+
+def test_a_computer_that_slept_has_not_lost_its_board() -> None:
+    link = opened()
+    link.receive(said(), 11.0)
+    link.receive(b"", 3611.0)
+    link.check(3611.0)
+    link.receive(said(), 3611.05)
+    for look in range(1, 10):
+        link.receive(b"", 3611.05 + 0.05 * look)
+    link.check(3611.5)
 
 
 def test_half_a_second_without_telemetry_is_a_lost_board() -> None:
     link = opened()
     link.receive(said(), 11.0)
-    link.receive(b"", 11.5)
+    for look in range(1, 11):
+        link.receive(b"", 11.0 + 0.05 * look)
     link.check(11.5)
     link.receive(b"", 11.51)
     with pytest.raises(PortError, match=r"no telemetry from the board on /dev/board for 0\.5 s"):
@@ -113,7 +125,7 @@ def test_a_reset_on_the_way_is_noticed_and_its_pose_not_believed_before_new_tele
     link = opened()
     link.receive(BANNER + said(), 11.0)
     assert link.take_restart()
-    link.receive(frames.banner(0, Banner(1, 1, 0, 8)), 12.0)
+    link.receive(frames.banner(0, Banner(frames.PROTOCOL_VERSION, 2, 0, 8)), 12.0)
     assert link.state(12.0) == "waiting"
     link.receive(said(), 12.05)
     assert link.state(12.05) == "extended"

@@ -112,12 +112,12 @@ def test_the_e_stop_holds_whatever_is_commanded_until_it_is_cleared() -> None:
     motion = tripod_motion()
     motion.command([-1.5] * 3, 0.0)
     stopped = run(motion, 0.0, 0.1)[-1]
-    motion.e_stop()
+    motion.e_stop.latch()
     motion.command([-0.1] * 3, 0.1)
     assert set(run(motion, 0.1, 30.0)) == {stopped}
     assert motion.step_to_rest(30.02) == stopped
     assert motion.mode == "e_stop"
-    motion.clear_e_stop(30.02)
+    motion.e_stop.clear()
     assert motion.step(30.04) == stopped  # a command from before the release does not count
     motion.command([-1.0] * 3, 30.04)
     assert motion.step(30.06) != stopped
@@ -203,7 +203,7 @@ def test_silence_brakes_and_the_e_stop_stops_at_once() -> None:
         before = run(motion, 0.0, 0.2)[-1][0]
         motion.settings = MotionSettings(hold_timeout_s=0.2)
         if stop:
-            motion.e_stop()
+            motion.e_stop.latch()
         travel = before - run(motion, 0.2, 1.0)[-1][0]
         assert least_travel <= travel <= 3.5**2 / (2 * SERVO_ACCELERATION)
         assert (travel == 0.0) == stop
@@ -233,9 +233,9 @@ def test_no_sequence_of_commands_breaks_position_or_speed_limits(
     for gap, event in sequence:
         now += gap
         if event == "stop":
-            motion.e_stop()
+            motion.e_stop.latch()
         elif event == "clear":
-            motion.clear_e_stop(now)
+            motion.e_stop.clear()
         elif event == "start":
             motion.start(now)
         elif isinstance(event, list):

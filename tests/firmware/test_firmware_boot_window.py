@@ -94,7 +94,7 @@ def test_no_packet_of_the_bridge_does_wherever_it_is_cut(make_board: MakeBoard, 
     ]
     packets += [
         frames.set_widths(36, [1600, 1600, 2340]),
-        frames.set_limits(36, [(544, 2400)] * 3),
+        frames.set_limits(36, [(544, 2091, 2400)] * 3),
         frames.slew(36, 100),
         frames.relax(36),
         frames.hold(36),

@@ -21,17 +21,27 @@ LATE_FRAMES = 3
 degree = st.integers(60, 180)
 width = st.integers(544, 2400)
 seq = st.integers(0, 63)
-pair = st.tuples(width, width).map(lambda ends: (min(ends), max(ends)))
+three = st.tuples(width, width, width).map(lambda widths: tuple(sorted(widths)))
 command = st.one_of(
     st.tuples(degree, degree, degree).map(lambda pose: bytes([255, *pose])),
     st.builds(frames.set_widths, seq, st.tuples(width, width, width)),
-    st.builds(frames.set_limits, seq, st.tuples(pair, pair, pair)),
+    st.builds(frames.set_limits, seq, st.tuples(three, three, three)),
     st.builds(frames.slew, seq, st.integers(0, 130)),
     st.builds(frames.hold, seq),
     st.builds(frames.relax, seq),
     st.builds(frames.ping, seq),
 )
-script = st.lists(st.tuples(command, st.sampled_from([0.02, 0.1, 0.3, 0.6, 2.6])), min_size=1, max_size=8)
+half = st.one_of(
+    st.builds(lambda number: frames.ping(number)[:3], seq),
+    st.tuples(degree, degree).map(lambda pose: bytes([255, *pose])),
+)
+pause = st.sampled_from([0.1, 0.3, 0.6, 2.6])
+step = st.one_of(
+    st.tuples(command, st.just(0.02)),
+    st.tuples(command, pause),
+    st.tuples(half, pause),  # dropped by then, counted by both
+)
+script = st.lists(step, min_size=1, max_size=8)
 
 
 def run(board: EmulatedBoard, model: ExtendedBoard, seconds: float) -> None:
@@ -52,7 +62,7 @@ def told(model: ExtendedBoard, now: float) -> frames.Telemetry:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=80, deadline=None, derandomize=True)
 @given(script)
 def test_same_commands_same_widths_flags_and_counters(commands: list[tuple[bytes, float]]) -> None:
     with EmulatedBoard() as board:

@@ -25,13 +25,15 @@ COUNTER = 4096
 class Model:
     """The board's parser in Python: what it acknowledges, counts, and which pose it was told last.
 
-    Within half a second of a frame legacy packets are refused: one flipped bit makes one of a frame.
+    Within half a second of a frame legacy packets are refused: one flipped bit makes one of a frame. So are
+    those that come while a HOLD lasts.
     """
 
     packets: PacketParser = field(default_factory=PacketParser)
     frames: FrameParser = field(default_factory=FrameParser)
     refused: int = 0
     framed: bool = False
+    held: bool = False
     seq: int = 0
     pose_us: tuple[float, ...] | None = None
 
@@ -42,7 +44,7 @@ class Model:
     def feed(self, data: bytes) -> None:
         for value in data:
             for packet in self.packets.feed(bytes([value]), 0.0):
-                if self.framed:
+                if self.framed or self.held:
                     self.refused += 1
                 else:
                     self.pose_us = tuple(map(byte_to_width, packet))
@@ -55,13 +57,15 @@ class Model:
         if frame.kind in (FrameType.SET, FrameType.SET_LIMITS):
             allowed = all(NARROWEST_US <= width <= WIDEST_US for width in numbers)
         if frame.kind is FrameType.SET_LIMITS:
-            allowed &= all(low <= high for low, high in zip(numbers[::2], numbers[1::2], strict=True))
+            threes = zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True)
+            allowed &= all(least <= rest <= largest for least, rest, largest in threes)
         if frame.kind is FrameType.SLEW:
             allowed = 1 <= numbers[0] <= 124
         if not allowed:
             self.refused += 1
             return
         self.seq, self.framed = frame.seq, True
+        self.held = frame.kind is FrameType.HOLD or (self.held and frame.kind is not FrameType.SET)
         if frame.kind is FrameType.SET:
             self.pose_us = tuple(map(float, numbers))
 
@@ -103,9 +107,11 @@ def bounded(board: EmulatedBoard) -> None:
         (frames.slew(5, 1), True),
         (frames.slew(5, 0), False),
         (frames.slew(5, 125), False),
-        (frames.set_limits(5, [(544, 2400)] * 3), True),
-        (frames.set_limits(5, [(544, 2400), (1500, 1499), (544, 2400)]), False),
-        (frames.set_limits(5, [(543, 2400)] * 3), False),
+        (frames.set_limits(5, [(544, 1500, 2400)] * 3), True),
+        (frames.set_limits(5, [(1500, 1500, 1500)] * 3), True),
+        (frames.set_limits(5, [(544, 544, 2400), (1500, 1499, 1501), (544, 544, 2400)]), False),
+        (frames.set_limits(5, [(544, 544, 2400), (544, 1501, 1500), (544, 544, 2400)]), False),
+        (frames.set_limits(5, [(543, 1500, 2400)] * 3), False),
         (frames.ping(5)[:-1], False),
         (frames.ping(5)[1:], False),
         (frames.set_widths(5, [1500] * 3)[:-2] + b"\x80\x80", False),
@@ -239,7 +245,7 @@ def test_mutated_settings_never_pass_the_limits(board: EmulatedBoard) -> None:
         seq = draw.randrange(64)
         kinds = (
             frames.set_widths(seq, draw.choice([widths, within])[:3]),
-            frames.set_limits(seq, [(within[0], within[3]), (within[1], within[4]), (within[2], within[5])]),
+            frames.set_limits(seq, [(within[side], within[side + 1], within[side + 3]) for side in range(3)]),
             frames.slew(seq, draw.randrange(1, 70)),
             frames.slew(seq, draw.randrange(4096)),
             frames.hold(seq),

@@ -1,0 +1,119 @@
+"""One board's port: opened, listened to, and told the words that its protocol has. No motion; no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeAlias
+
+from servo_bridge.link import BoardLink, Reader
+from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
+from servo_bridge.transport import SerialTransport
+from softsim_core.scene.board import BoardDescription
+
+Word: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
+
+
+class BoardPort:
+    """A port to a board that speaks one of some protocols.
+
+    Args:
+        board: The robot's board.
+        candidates: Protocols that it may speak; see `link`.
+        baud_rate: Bits a second.
+        on_tilt: Called with every reading of the board's IMU, in the reading thread.
+        clock: Steady clock in [s].
+
+    Attributes:
+        link: The conversation; None without an open port.
+    """
+
+    def __init__(
+        self,
+        board: BoardDescription,
+        candidates: Sequence[type[BoardProtocol]],
+        baud_rate: int,
+        on_tilt: Callable[[TiltReading], None],
+        clock: Callable[[], float],
+    ) -> None:
+        self.board, self.servos = board, board.servos
+        self.baud_rate = baud_rate
+        self.on_tilt = on_tilt
+        self.link: BoardLink | None = None
+        self._candidates, self._clock = tuple(candidates), clock
+        self._transport: SerialTransport | None = None
+        self._reader: Reader | None = None
+
+    @property
+    def port(self) -> str:
+        """Name of the port in use; empty without one."""
+        return "" if self._transport is None else self._transport.port
+
+    @property
+    def connected(self) -> bool:
+        """Whether a port is open."""
+        return self._transport is not None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the board is still given its quiet time after the port was opened."""
+        return self.link_state == WAITING
+
+    @property
+    def link_state(self) -> str | None:
+        """Name of the protocol found, or WAITING: it is too early to say; None without a port."""
+        return None if self.link is None else self.link.state(self._clock())
+
+    @property
+    def telemetry_age(self) -> float | None:
+        """Time in [s] since a board that says what it is last spoke; None before the first time."""
+        return None if self.link is None else self.link.heard_age(self._clock())
+
+    @property
+    def tilt_age(self) -> float | None:
+        """Time in [s] since the newest reading of the board's IMU; None before the first."""
+        return None if self.link is None else self.link.tilt_age(self._clock())
+
+    def listen(self) -> None:
+        """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
+
+        Raises:
+            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
+        """
+        if self.link is not None:
+            self.link.check(self._clock())
+
+    def _open(self, transport: SerialTransport, quiet_s: float) -> None:
+        """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke."""
+        boards = [each(self.board) for each in self._candidates]
+        self._transport = transport
+        self.link = BoardLink(transport.port, boards, quiet_s, self._clock())
+        self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
+
+    def _take_out(self) -> Callable[[], None]:
+        """Forget the port; what is returned ends its reading thread and closes it."""
+        reader, self._reader = self._reader, None
+        transport, self._transport = self._transport, None
+        self.link = None
+
+        def close() -> None:
+            if reader is not None:
+                reader.stop()
+            if transport is not None:
+                transport.close()
+
+        return close
+
+    def _say(self, word: Word) -> bool:
+        """Write a word that says no pose; False, and nothing written, where the board does not know it.
+
+        Raises:
+            PortError: the port failed.
+        """
+        if self._transport is None or self.link is None:
+            return False
+        with self.link.speaking() as board:
+            if word not in board.abilities:
+                return False
+            packet = board.hold() if word is Ability.HOLD else board.relax()
+        self._transport.write(packet)
+        return True

@@ -1,0 +1,78 @@
+"""The services ~/e_stop and ~/clear_e_stop: answered whatever the bridge is busy with."""
+
+from __future__ import annotations
+
+import threading
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from servo_bridge.e_stop import EStop
+
+SPIN_PERIOD_S = 0.1
+
+HEED_S = 0.25
+"""Longest wait in [s] for the packet that carries the stop: more than a period of the slowest rate."""
+
+
+class EStopServices:
+    """Both services on a node, an executor and a thread of their own; they set a latch.
+
+    A stop is answered when the packet that carries it has left, or when it is clear that there is none.
+
+    Args:
+        bridge: Gives the services their names, remapped as its own would be, and the log.
+        e_stop: The latch.
+    """
+
+    def __init__(self, bridge: Node, e_stop: EStop) -> None:
+        self._e_stop, self._logger = e_stop, bridge.get_logger()
+        self._node = Node(
+            f"{bridge.get_name()}_e_stop",
+            context=bridge.context,
+            namespace=bridge.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        for name, answer in (("~/e_stop", self._latch), ("~/clear_e_stop", self._clear)):
+            self._node.create_service(Trigger, bridge.resolve_service_name(name), answer)
+        self._executor = SingleThreadedExecutor(context=bridge.context)
+        self._executor.add_node(self._node)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="servo_bridge_e_stop", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and destroy the node; a second call does nothing."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._thread.join()
+        self._executor.shutdown(timeout_sec=0)
+        self._node.destroy_node()
+
+    def _spin(self) -> None:
+        context = self._node.context
+        try:
+            while context.ok() and not self._stop.is_set():
+                self._executor.spin_once(timeout_sec=SPIN_PERIOD_S)
+        except ExternalShutdownException:
+            pass
+        except Exception:
+            if context.ok():  # else the context went down under the call
+                raise
+
+    def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._e_stop.latch()
+        self._e_stop.wait_heeded(HEED_S)
+        response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
+        self._logger.warning(response.message)
+        return response
+
+    def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._e_stop.clear()
+        response.success, response.message = True, "e-stop cleared: the next command moves the servos"
+        self._logger.info(response.message)
+        return response

@@ -1,0 +1,56 @@
+"""Commands as they come from a topic, in bytes: bounded before they are unpacked."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.wording import named
+from softsim_core.errors import CommandError
+
+MOST_BYTES = 65_536
+"""Longest message that is unpacked: a thousand joints, and no packet is late for it."""
+
+
+def command_values(data: bytes) -> Sequence[float]:
+    """Values of a serialised Float64MultiArray.
+
+    Raises:
+        CommandError: the message is too long.
+    """
+    _bound(data)
+    values: Sequence[float] = deserialize_message(data, Float64MultiArray).data
+    return values
+
+
+def joint_positions(data: bytes) -> dict[str, float]:
+    """Positions by joint name of a serialised JointState.
+
+    Raises:
+        CommandError: the message is too long, has another number of names than of positions, or names a joint
+            twice.
+    """
+    _bound(data)
+    message = deserialize_message(data, JointState)
+    if len(message.name) != len(message.position):
+        raise CommandError(
+            f"{len(message.name)} names with {len(message.position)} positions refused; nothing was moved"
+        )
+    positions = dict(zip(message.name, message.position, strict=True))
+    if len(positions) != len(message.name):
+        twice = [name for name, count in Counter(message.name).items() if count > 1]
+        raise CommandError(
+            f"joint states that name {named(twice)} twice refused; name every joint once; nothing was moved"
+        )
+    return positions
+
+
+def _bound(data: bytes) -> None:
+    if len(data) > MOST_BYTES:
+        raise CommandError(
+            f"message of {len(data)} bytes refused; allowed are {MOST_BYTES}; nothing was moved"
+        )

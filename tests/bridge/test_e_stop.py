@@ -1,0 +1,132 @@
+"""The e-stop acts within one packet, whatever the bridge is busy with, and its clearing moves nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.virtual_board import VirtualBoard
+
+REST = (150, 150, 150)
+FAR = (64, 64, 64)
+COMMANDS = "position_controller/commands"
+Starter = Callable[..., Any]
+
+
+def ask(client: Any, label: str) -> Any:
+    """Ask for a transition and do not wait; the future answer."""
+    service = client.node.create_client(ChangeState, "servo_bridge/change_state")
+    assert service.wait_for_service(40.0)
+    number = getattr(Transition, f"TRANSITION_{label.upper()}")
+    return service.call_async(ChangeState.Request(transition=Transition(id=number)))
+
+
+def drive_far(client: Any, board: VirtualBoard, stream: Starter) -> None:
+    message = Float64MultiArray(data=[-2.0] * 3)
+    stream(client.publisher(Float64MultiArray, COMMANDS), message)
+    assert board.wait_for(lambda b: b.servo_bytes == FAR)
+    board.clear()
+
+
+@pytest.mark.parametrize("way_out", ["deactivate", "active_shutdown", "SIGINT", "SIGTERM"])
+def test_on_the_way_to_rest_it_stops_within_one_packet(
+    start_bridge: Starter,
+    client: Any,
+    board: VirtualBoard,
+    stream: Starter,
+    wait_until: Starter,
+    tmp_path: Path,
+    way_out: str,
+) -> None:
+    robot = tmp_path / "slow.yaml"
+    limits = "{lower: -2.0225, upper: -0.0255, speed: 0.3}"
+    joints = "".join(f"  - {{name: servo_{number}, limits: {limits}}}\n" for number in range(3))
+    tripod = Path(__file__).resolve().parents[2] / "configs" / "robots" / "tripod.yaml"
+    robot.write_text(f"extends: {tripod}\njoints:\n{joints}")
+    bridge = start_bridge(robot=robot, autostart="activate", settle_timeout=30.0)
+    message = Float64MultiArray(data=[-1.0] * 3)
+    stream(client.publisher(Float64MultiArray, COMMANDS), message)
+    assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
+    assert client.trigger("servo_bridge/clear_e_stop").success  # both ends of the service know each other
+    board.clear()
+    if way_out.startswith("SIG"):
+        bridge.process.send_signal(getattr(signal, way_out))
+    else:
+        answer = ask(client, way_out)
+    assert board.wait_for(lambda b: b.servo_bytes is not None and 124 <= b.servo_bytes[0] <= 130)
+    assert client.trigger("servo_bridge/e_stop").success
+    stopped = board.packets
+    if way_out.startswith("SIG"):
+        assert bridge.process.wait(40.0) == 0
+    else:
+        assert wait_until(answer.done)
+        assert answer.result().success
+    later = [packet.servo_bytes for packet in board.packets[len(stopped) :]]
+    assert len(later) <= 1  # what was on the line when the answer came
+    assert board.servo_bytes is not None
+    assert 124 <= board.servo_bytes[0] <= 132  # the way to rest would have lasted for another second
+
+
+def test_it_is_answered_while_a_robot_is_loaded(
+    start_bridge: Starter, client: Any, board: VirtualBoard, tmp_path: Path, wait_until: Starter
+) -> None:
+    gate, robot = tmp_path / "gate", tmp_path / "slow.py"
+    os.mkfifo(gate)
+    robot.write_text(f"open({str(gate)!r}).read()\nraise LookupError('no robot here')\n")
+    bridge = start_bridge(robot=robot)
+    gate.open("w").close()  # the bridge reads the robot's name before it is a node
+    answer = ask(client, "configure")
+    with gate.open("w"):  # opens as soon as the robot's file reads from it
+        assert client.trigger("servo_bridge/e_stop").success
+        assert not answer.done()
+    assert wait_until(answer.done)
+    assert not answer.result().success
+    assert bridge.says("no robot here")
+    assert client.state() == "unconfigured"
+    assert board.received == 0
+
+
+def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
+    start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
+) -> None:
+    bridge = start_bridge(autostart="activate")
+    drive_far(client, board, stream)
+    board.unplug()
+    assert bridge.says("vanished")
+    assert client.trigger("servo_bridge/e_stop").success
+    before = board.received
+    board.replug()
+    assert bridge.says("is open again")
+    assert bridge.says("the e-stop is latched; call ~/clear_e_stop first")
+    assert client.state() == "inactive"
+    assert board.received == before
+
+
+def test_its_clearing_moves_nothing_before_the_next_command(
+    start_bridge: Starter, client: Any, board: VirtualBoard
+) -> None:
+    start_bridge(autostart="activate", hold_timeout=0.1, rest_timeout=0.2, rest_speed=10.0)
+    publisher = client.publisher(Float64MultiArray, COMMANDS)
+    publisher.publish(Float64MultiArray(data=[-2.0] * 3))
+    assert board.wait_for(lambda b: b.servo_bytes is not None and b.servo_bytes != REST)
+    assert client.trigger("servo_bridge/e_stop").success
+    assert client.trigger("servo_bridge/clear_e_stop").success
+    board.clear()
+    assert board.wait_for(
+        lambda b: len(b.packets) > 50
+    )  # five times as long as the silence that leads to rest
+    assert len({packet.servo_bytes for packet in board.packets}) == 1
+    publisher.publish(Float64MultiArray(data=[-0.5] * 3))
+    stopped = board.packets[-1].servo_bytes
+    assert board.wait_for(lambda b: b.servo_bytes != stopped)

@@ -1,0 +1,242 @@
+"""What the bridge refuses, and how: one bounded, printable sentence; and its own faults."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from board_driving import robot
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+from servo_bridge.assembly import assemble
+from servo_bridge.bridge_node import ServoBridge
+from servo_bridge.driver import ServoDriver
+from servo_bridge.e_stop import EStop
+from servo_bridge.inputs import MOST_BYTES, command_values, joint_positions
+from servo_bridge.parameters import BridgeSettings
+from servo_bridge.safety import MotionSettings
+from servo_bridge.virtual_board import VirtualBoard
+from servo_bridge.wording import LONGEST_SENTENCE, named, sentence
+from softsim_core.errors import CommandError, SceneError, SoftSimError
+
+Starter = Callable[..., Any]
+ESCAPE = "\x1b]0;owned\x07\x1b[2J"
+
+
+def states(*names: str) -> bytes:
+    return bytes(serialize_message(JointState(name=list(names), position=[-1.0] * len(names))))
+
+
+@pytest.mark.parametrize("unpack", [command_values, joint_positions])
+def test_a_long_message_is_refused_before_it_is_unpacked(unpack: Callable[[bytes], object]) -> None:
+    with pytest.raises(CommandError, match=f"message of {MOST_BYTES + 1} bytes refused; allowed are"):
+        unpack(bytes(MOST_BYTES + 1))
+
+
+def test_a_joint_named_twice_is_refused_whole() -> None:
+    assert joint_positions(states("a", "b")) == {"a": -1.0, "b": -1.0}
+    with pytest.raises(CommandError, match="name a, b twice refused; name every joint once; nothing was mov"):
+        joint_positions(states("a", "b", "c", "b", "a"))
+    with pytest.raises(CommandError, match="1 names with 0 positions refused"):
+        joint_positions(bytes(serialize_message(JointState(name=["a"]))))
+
+
+def test_a_refusal_is_short_and_printable_whatever_the_names_are() -> None:
+    driver = ServoDriver(robot())
+    names = [f"{ESCAPE}{number}{'x' * 90}\n" for number in range(500)]
+    with pytest.raises(CommandError) as caught:
+        driver.command_named(dict.fromkeys(names, -1.0))
+    text = str(caught.value)
+    assert text.isprintable()
+    assert len(text) <= LONGEST_SENTENCE
+    assert text.startswith("joint states without j0, j1, j2 refused; they name ")
+    assert text.endswith("and 490 more; nothing was moved")
+    assert driver.counts.last_refusal == text
+
+
+def test_names_and_sentences_are_bounded() -> None:
+    assert named([]) == "none"
+    assert named(["servo_0", "servo_1"]) == "servo_0, servo_1"
+    assert named([str(number) for number in range(12)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more"
+    assert named(["a" * 100]) == "a" * 13 + "..."
+    assert sentence("x\x1b[0m\n" * 1000).isprintable()
+    assert len(sentence("\U0001f600\x00" * 10_000)) <= LONGEST_SENTENCE
+
+
+def test_two_hundred_thousand_foreign_names_are_one_short_refusal(
+    start_bridge: Starter, client: Any, board: VirtualBoard, wait_until: Starter
+) -> None:
+    bridge = start_bridge(source="joint_states", autostart="activate")
+    assert board.wait_for(lambda b: b.accepted > 5)
+    diagnostics = client.collect(DiagnosticArray, "/diagnostics")
+    names = [f"{ESCAPE}{number}" for number in range(200_000)]
+    client.publish("joint_states", JointState(name=names, position=[0.0] * len(names)))
+    assert bridge.says("bytes refused; allowed are 65536; nothing was moved")
+    client.publish("joint_states", JointState(name=names[:900], position=[0.0] * 900))
+
+    def refused() -> str:
+        return next(
+            (
+                pair.value
+                for message in reversed(diagnostics)
+                for status in message.status
+                for pair in status.values
+                if pair.key == "last refusal" and "they name" in pair.value
+            ),
+            "",
+        )
+
+    assert wait_until(refused)
+    assert len(refused()) <= LONGEST_SENTENCE
+    assert refused().isprintable()
+    assert "\x1b]" not in bridge.output
+    assert max(map(len, bridge.output.splitlines())) < 500
+    accepted = board.accepted
+    assert board.wait_for(lambda b: b.accepted > accepted + 10)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("rate:=0.001", "0.001 is refused; give 0, or 10 to 200 Hz"),
+        ("rate:=1.0e-300", "is refused; give 0, or 10 to 200 Hz"),
+        ("rate:=.nan", "rate"),
+        ("settle_timeout:=0.0", "settle_timeout"),
+        ("hold_timeout:=0.0", "hold_timeout"),
+        ("rest_speed:=0.0", "rest_speed"),
+    ],
+)
+def test_settings_that_make_no_sense_end_with_a_sentence(start: Starter, setting: str, words: str) -> None:
+    bridge = start("servo_bridge.bridge_node", "--ros-args", "-r", "__ns:=/x", "-p", setting)
+    assert bridge.process.wait(40.0) == 2
+    assert words in bridge.output
+    assert "Traceback" not in bridge.output
+
+
+@pytest.mark.parametrize("rate", [0.1, 9.9, 201.0, float("nan"), 5e-324, float("inf")])
+def test_a_rate_at_which_a_board_falls_silent_is_refused(rate: float) -> None:
+    with pytest.raises(SceneError, match="packets a second refused; allowed are 10 to 200 Hz"):
+        ServoDriver(robot(), rate=rate)
+
+
+def settings(**changes: Any) -> BridgeSettings:
+    values: dict[str, Any] = {
+        "robot": "tripod", "port": "", "source": "commands", "protocol": "auto", "baud_rate": 0,
+        "calibration": "", "relax_at_end": True, "imu_frame": "", "autostart": "none", "rate": 0.0,
+        "open_wait_s": 0.0, "avoid_byte_100": True, "settle_timeout": 1.0, "motion": MotionSettings(),
+    }  # fmt: skip
+    return BridgeSettings(**(values | changes))
+
+
+@pytest.mark.parametrize("parameter", ["robot", "calibration"])
+@pytest.mark.parametrize("value", ["~nobody_of_this_name/x", "x" * 5000, "/x" * 3000, "\x00", "nested"])
+def test_a_name_that_no_file_has_is_one_sentence(tmp_path: Path, parameter: str, value: str) -> None:
+    if value == "nested":
+        file = tmp_path / "nested.yaml"
+        file.write_text("robot: " + "[" * 20_000)
+        value = str(file)
+    with pytest.raises(SoftSimError) as caught:
+        assemble(settings(**{parameter: value}), None, EStop(), lambda reading: None)
+    assert "\n" not in sentence(caught.value)
+    assert len(sentence(caught.value)) <= LONGEST_SENTENCE
+
+
+def test_a_robot_of_an_unknown_user_leaves_the_bridge_unconfigured(start: Starter, client: Any) -> None:
+    words = ("-r", "__ns:=/tripod", "-p", "robot:=~nobody_of_this_name/x")
+    bridge = start("servo_bridge.bridge_node", "--ros-args", *words)
+    assert not client.transition("configure")
+    assert bridge.says("nobody_of_this_name")
+    assert "a transition failed unexpectedly" not in bridge.output
+    assert client.state() == "unconfigured"
+
+
+@pytest.fixture
+def full_port() -> Iterator[str]:
+    """A port that can be opened and takes no data."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(slave, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(slave, bytes(4096)):
+            pass
+    yield os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.slow
+def test_a_port_that_takes_no_data_is_tried_ever_more_seldom(
+    start_bridge: Starter, full_port: str, wait_until: Starter
+) -> None:
+    bridge = start_bridge(port=full_port, autostart="activate")
+    lost = re.compile(r"\[(\d+\.\d+)\] \[tripod\.servo_bridge\]: the board on .* took no data")
+
+    def times() -> list[float]:
+        return [float(time) for time in lost.findall(bridge.output)]
+
+    assert bridge.says("took no data for 0.2 s")
+    assert wait_until(lambda: len(times()) >= 4)
+    gaps = [later - earlier for earlier, later in pairwise(times())]
+    assert gaps[0] > 0.5
+    assert gaps[1] > 1.0
+    assert gaps[2] > 1.7  # 2 s, a fifth less at most; and 0.2 s until the loss is noticed
+
+
+def test_a_dead_writer_is_found_and_the_servos_hold(client: Any, tmp_path: Path, wait_until: Starter) -> None:
+    with VirtualBoard(link=tmp_path / "board", protocol="extended") as board:
+        overrides = {"port": board.port, "autostart": "activate"}
+        bridge = ServoBridge(
+            scene=robot(),
+            context=client.context,
+            namespace="robot",
+            parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
+        )
+        diagnostics = client.collect(DiagnosticArray, "/diagnostics")
+        executor = SingleThreadedExecutor(context=client.context)
+        executor.add_node(bridge)
+        stop = threading.Event()
+
+        def spin() -> None:
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.05)
+
+        spinner = threading.Thread(target=spin)
+        spinner.start()
+        try:
+            assert board.wait_for(lambda b: b.accepted > 5)
+            bridge._driver.motion.limits = None  # what no test can foresee: a fault in the program
+            assert wait_until(lambda: bridge.lifecycle_state == "inactive")
+            assert board.wait_for(lambda b: b.model.motion.hold_asked)
+
+            def reported() -> bool:
+                return any(
+                    status.level == DiagnosticStatus.ERROR and "has ended" in status.message
+                    for message in diagnostics
+                    for status in message.status
+                )
+
+            assert wait_until(reported)
+            accepted = board.accepted
+            assert wait_until(lambda: board.model.motion._silence >= 100)  # two seconds without a word
+            assert board.model.motion.holding
+            assert board.accepted == accepted
+        finally:
+            stop.set()
+            spinner.join()
+            bridge.destroy_node()
+            executor.shutdown()
