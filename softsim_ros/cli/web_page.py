@@ -38,12 +38,12 @@ class WebPage:
     """A viewer process; leaving the `with` block ends it.
 
     Args:
-        source: Robot or scene, as the viewer's parameter `robot`.
+        robot: Name of the robot or scene, as the viewer's parameter `robot`.
         namespace: Namespace of the robot, without slashes at its ends.
         choice: Address and looks.
     """
 
-    def __init__(self, source: str, namespace: str, choice: PageChoice) -> None:
+    def __init__(self, robot: str, namespace: str, choice: PageChoice) -> None:
         self._settled = threading.Event()
         self._address, self._last = "", "it ended without a word"
         self._process: subprocess.Popen[str] | None = None
@@ -52,7 +52,7 @@ class WebPage:
             self._settled.set()
             return
         parameters = {
-            "robot": source,
+            "robot": robot,
             "host": choice.host,
             "port": choice.port,
             "lite": str(choice.lite).lower(),

@@ -66,5 +66,5 @@ def _declare_count(node: Node, name: str, default: int, description: str, lower:
 def requested_settings() -> tuple[str, ViewerSettings]:
     """The robot and the settings given to this process."""
     with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
-        robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
+        robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name of the robot, which is its namespace")
         return robot, ViewerSettings().declare(probe)
