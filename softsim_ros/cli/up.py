@@ -52,6 +52,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="IP",
         help=f"who reaches the page: {PAGE_HOST}, this machine (default), 0.0.0.0 the network, by token",
     )
+    parser.add_argument(
+        "--no-token",
+        action="store_true",
+        help="the page asks for no secret: every account of this machine may drive the robot",
+    )
     parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
     parser.epilog = "On a real board nothing moves until key B, or --send. ? in the teleop shows the keys."
@@ -92,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(only_one(namespace))
         page = None
         if not arguments.no_viewer:
-            choice = PageChoice(arguments.host, arguments.port, arguments.lite)
+            choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
             page = stack.enter_context(WebPage(scene.name, namespace, choice))
         return run_bring_up(
             scene,

@@ -27,11 +27,13 @@ class PageChoice:
         host: IP address to listen on.
         port: TCP port.
         lite: Cheap light, for browsers without a graphics card.
+        no_token: Ask for no secret, on this machine only.
     """
 
     host: str
     port: int
     lite: bool = False
+    no_token: bool = False
 
 
 class WebPage:
@@ -56,6 +58,7 @@ class WebPage:
             "host": choice.host,
             "port": choice.port,
             "lite": str(choice.lite).lower(),
+            "no_token": str(choice.no_token).lower(),
             "parent": os.getpid(),
         }
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final
 
 from softsim_core.errors import CommandError
@@ -24,7 +25,7 @@ class SceneMessage:
 
     Attributes:
         generation: Number of the scene; another one is another scene, or the same one loaded anew.
-        robot: The scene.
+        robot: The scene; its `source` is the name of its file, which is not read here.
         overrides: YAML text of what is laid over its file.
         frames: Names in the order of the topic `frames`.
         bodies: `name`, `points`, `triangles`, `nodes`, `colour` of each.
@@ -57,15 +58,17 @@ def read_scene_message(text: str) -> SceneMessage:
     except (ValueError, RecursionError) as error:
         raise CommandError(f"scene refused: no JSON ({type(error).__name__})") from error
     try:
+        places = {_text(key): _place(place) for key, place in dict(data["places"]).items()}
+        source = Path(places[""][0]) if "" in places else None
         return SceneMessage(
             generation=_whole(data["generation"]),
-            robot=read_description(_text(data["description"])),
+            robot=replace(read_description(_text(data["description"])), source=source),
             overrides=_text(data["overrides"]),
             frames=tuple(map(_name, _list(data["frames"]))),
             bodies=tuple(map(_body, _list(data["bodies"]))),
             zones=tuple(map(_zone, _list(data["zones"]))),
             scenes=tuple(map(_name, _list(data["scenes"]))),
-            places={_text(key): _place(place) for key, place in dict(data["places"]).items()},
+            places=places,
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         if isinstance(error, CommandError):

@@ -54,7 +54,7 @@ class Viewer(PageNode):
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
         self._settings = settings = settings.declare(self)
-        token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
+        token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._inbox = Inbox()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -68,7 +69,7 @@ def start_station(
             patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
             process = start_process("softsim_ros.cli", *words)
         assert process.says("open http", BUILD_DEADLINE_S), process.output
-        return Robot(process, client), f"http://127.0.0.1:{port}/"
+        return Robot(process, client), re.findall(r"open (http://\S+)", process.output)[0]
 
     return start
 
