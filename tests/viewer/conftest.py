@@ -75,9 +75,15 @@ def start_station(
 
 
 @pytest.fixture(scope="module")
-def station(start_station: Callable[..., tuple[Any, str]]) -> tuple[Any, str]:
+def allowed_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder whose Python scenes the station may load while it runs."""
+    return tmp_path_factory.mktemp("allowed_code")
+
+
+@pytest.fixture(scope="module")
+def station(start_station: Callable[..., tuple[Any, str]], allowed_code: Path) -> tuple[Any, str]:
     """The Tripod with everything: simulator, bridge on a virtual board, inverse control, page."""
-    return start_station("tripod", "--inverse")
+    return start_station("tripod", "--inverse", "--allow-code", str(allowed_code))
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ import websockets
 from node_processes import spin_until
 from tcp_ports import free_port
 from websockets.asyncio.client import connect
+from websockets.typing import Subprotocol
 
 from softsim_ros.viewer.guard import AccessRule, GuardedServer
 from softsim_ros.viewer.page_filter import MOST_REFUSED, PageFilter
@@ -152,7 +154,7 @@ def talk(controls: Controls, action: Callable[[Any], Any]) -> Any:
     async def run() -> Any:
         async with connect(
             f"ws://127.0.0.1:{rule.port}",
-            subprotocols=["viser-v1.1.1"],
+            subprotocols=[Subprotocol("viser-v1.1.1")],
             max_size=None,
             additional_headers={"Cookie": f"{rule.cookie}={rule.token}"},
         ) as connection:
@@ -171,6 +173,8 @@ def test_the_e_stop_cannot_be_disarmed(controls: Controls) -> None:
     talk(controls, attack)
 
     async def press(connection: Any) -> None:
+        await connection.send(msgspec.msgpack.encode(CAMERA))  # viser knows a page by its camera
+        await asyncio.to_thread(spin_until, controls.server.get_clients)
         await connection.send(update(controls.stop, value=True))
         await asyncio.to_thread(spin_until, lambda: controls.done)
 
@@ -189,12 +193,7 @@ def test_uploads_are_kept_nowhere_and_their_page_is_left(controls: Controls) -> 
         "part_count": 10**6,
         "size_bytes": 10**12,
     }
-    part = {
-        "type": "FileTransferPart",
-        "source_component_uuid": None,
-        "transfer_uuid": "t",
-        "content": bytes(9),
-    }
+    part = {"type": "FileTransferPart", "source_component_uuid": None, "transfer_uuid": "t", "content": b"."}
 
     async def upload(connection: Any) -> int:
         await connection.send(msgspec.msgpack.encode(start))
@@ -242,9 +241,11 @@ def test_broken_and_half_open_connections_say_nothing_and_keep_nobody_out() -> N
             each.close()
 
         def served() -> bool:
-            with socket.create_connection(("127.0.0.1", port), 10.0) as friend:
-                friend.sendall(f"GET /?token=secret HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+            request = f"GET /?token=secret HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"
+            with suppress(ConnectionError), socket.create_connection(("127.0.0.1", port), 10.0) as friend:
+                friend.sendall(request.encode())
                 return friend.recv(100).startswith(b"HTTP/1.1 303")
+            return False
 
         assert spin_until(served)
         output, _ = process.communicate("end\n", timeout=20.0)
