@@ -70,8 +70,8 @@ def _unpacked_bytes(path: Path, file: Path) -> int:
                 if unpacked > MOST_CHUNK_BYTES:
                     raise BagError(
                         path,
-                        f"is refused: a chunk of {length} bytes would unpack to {unpacked >> 20} MiB; at most "
-                        f"{MOST_CHUNK_BYTES >> 20} are read",
+                        f"is refused: a chunk of {length} bytes would unpack to {unpacked >> 20} MiB, "
+                        f"at most {MOST_CHUNK_BYTES >> 20} are read",
                     )
                 total += unpacked
             stream.seek(begin + length)

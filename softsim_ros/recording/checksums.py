@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from binascii import crc32
-from typing import Any, ClassVar
+from types import MappingProxyType
 
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -36,4 +36,4 @@ class ChecksummedMcap(McapWriter):
 class ChecksummedWriter(Writer):
     """A writer of bags whose MCAP files carry checksums."""
 
-    STORAGE_PLUGINS: ClassVar[Any] = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: ChecksummedMcap}
+    STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: ChecksummedMcap})
