@@ -57,7 +57,7 @@ class SceneCatalog:
     ) -> None:
         self._named = {name: file.absolute() for name, file in (named or {}).items()}
         self._code_folders = tuple(_folder(each) for each in code_folders)
-        self._start_folder = Path.cwd() if start_folder is None else start_folder.absolute()
+        self._start_folder = _working_directory() if start_folder is None else start_folder.absolute()
 
     def scenes(self) -> dict[str, Path]:
         """Names and files of every known scene, sorted by name."""
@@ -66,7 +66,8 @@ class SceneCatalog:
             known.setdefault(name, file)
         for folder in self._code_folders:
             _add(known, folder, folder.rglob("*"))
-        _add(known, self._start_folder, self._start_folder.iterdir())
+        if self._start_folder is not None:
+            _add(known, self._start_folder, self._start_folder.glob("*"))
         return dict(sorted(known.items()))
 
     def names(self) -> tuple[str, ...]:
@@ -130,6 +131,14 @@ def names_up_to(most: int, names: Iterable[str]) -> str:
     every = [shortened(name) for name in names]
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return f"{listing(every[:most])}{more}"
+
+
+def _working_directory() -> Path | None:
+    """The working directory; None where it was removed."""
+    try:
+        return Path.cwd()
+    except OSError:
+        return None
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:

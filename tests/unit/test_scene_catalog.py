@@ -85,6 +85,18 @@ def test_a_refusal_lists_ten_names_and_a_near_one(start_folder: Path) -> None:
     assert str(caught.value).count(",") < 12
 
 
+def test_a_start_folder_that_is_gone_holds_no_scenes(
+    start_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = start_folder / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    before = SceneCatalog()
+    gone.rmdir()
+    assert "tripod" in before.names()
+    assert "tripod" in SceneCatalog().names()
+
+
 def test_a_folder_whose_code_is_allowed_is_there(start_folder: Path) -> None:
     for folder in (start_folder / "none", "~nobody/x", "x\0"):
         with pytest.raises(ConfigError, match="is no folder"):
