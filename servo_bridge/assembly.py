@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 from servo_bridge.calibration_file import calibrated_robot, file_for
 from servo_bridge.driver import ServoDriver
 from servo_bridge.e_stop import EStop
+from servo_bridge.named_files import load_robot, read_named
 from servo_bridge.parameters import BridgeSettings
 from servo_bridge.protocols import TiltReading
-from servo_bridge.wording import shortened
-from softsim_core.errors import ConfigError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
-
-Loaded = TypeVar("Loaded")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +47,12 @@ def assemble(
         SoftSimError: robot or calibration cannot be read, or the robot has no board that can be driven so.
     """
     robot = load_robot(settings.robot) if scene is None else scene
-    calibration = _read(
+    calibration = read_named(
         "calibration", settings.calibration, lambda: file_for(settings.calibration, robot.name)
     )
     if calibration is not None:
         file = calibration
-        robot = _read("calibration", str(file), lambda: calibrated_robot(robot, file))
+        robot = read_named("calibration", str(file), lambda: calibrated_robot(robot, file))
     driver = ServoDriver(
         robot,
         settings=settings.motion,
@@ -68,29 +64,3 @@ def assemble(
         e_stop=e_stop,
     )
     return Assembled(driver, str(calibration or ""), settings.imu_frame or f"{robot.name}_effector")
-
-
-def load_robot(name: str) -> RobotDescription:
-    """The robot of a name or file.
-
-    Raises:
-        SoftSimError: it cannot be read.
-    """
-    from softsim_core.scene import load_scene  # costs imports: only when needed
-
-    return _read("robot", name, lambda: load_scene(name))
-
-
-def _read(parameter: str, value: str, read: Callable[[], Loaded]) -> Loaded:
-    """What `read` gives; anything that the value makes it raise becomes a sentence about the parameter."""
-    try:
-        return read()
-    except SoftSimError:
-        raise
-    except Exception as error:  # a user of that name, a name too long, nesting too deep, a robot's own code
-        raise ConfigError(
-            "servo_bridge",
-            f"parameter {parameter}",
-            f"{shortened(value)!r} cannot be read ({type(error).__name__}: {shortened(str(error), 100)});"
-            " give a name or a readable file",
-        ) from error

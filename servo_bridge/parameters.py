@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from servo_bridge.driver import FASTEST_HZ, SLOWEST_HZ
+from servo_bridge.named_files import load_robot
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.safety import MotionSettings
 from servo_bridge.wording import shortened
@@ -60,8 +61,6 @@ def robot_namespace() -> str:
         name = str(node.get_parameter("robot").value)
     finally:
         node.destroy_node()
-    from servo_bridge.assembly import load_robot  # costs imports: only when needed
-
     try:
         return load_robot(name).name
     except SoftSimError:

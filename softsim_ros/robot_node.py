@@ -32,6 +32,7 @@ class RobotNode(ClosableNode):
         node_name: Name of the node.
         changes_robot: Whether the parameter `robot` may be set while the node runs.
         robot: Name of the robot.
+        named: The file of the robot that the node was started with, by its names; empty: it has none.
 
     Raises:
         SoftSimError: the robot is not known, or what a subclass refuses.
@@ -54,6 +55,8 @@ class RobotNode(ClosableNode):
                 robot = self._declare_robot(probe)
         scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
         self.robot = scene.name
+        text = scene.name if isinstance(robot, RobotDescription) else str(robot)
+        self.named = {} if scene.source is None else {text: scene.source, scene.name: scene.source}
         super().__init__(
             self.node_name,
             context=context,
@@ -61,7 +64,7 @@ class RobotNode(ClosableNode):
             parameter_overrides=overrides,
         )
         try:
-            self._declare_robot(self, scene.name if isinstance(robot, RobotDescription) else str(robot))
+            self._declare_robot(self, text)
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:
@@ -77,7 +80,7 @@ class RobotNode(ClosableNode):
             node,
             "robot",
             default,
-            "Robot or scene: a name such as tripod, or the path of a .yaml or .py file",
+            "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file",
             read_only=not self.changes_robot,
         )
 

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from typing import Any, TypeVar
 
 import rclpy
@@ -20,6 +21,7 @@ from rclpy.executors import Executor, ExternalShutdownException, ShutdownExcepti
 from rclpy.node import Node
 
 from softsim_core.errors import SoftSimError
+from softsim_ros import doors
 from softsim_ros.environment import prepare_environment
 from softsim_ros.interrupts import put_off_in_callbacks
 
@@ -32,7 +34,47 @@ class ParameterError(SoftSimError, ValueError):
 
 
 class ClosableNode(Node):
-    """A node that ends its own threads and ports."""
+    """A node that ends its own threads and ports, and outlives whatever is sent to it.
+
+    Every callback of a topic, a service or new parameters stands behind a door: see `softsim_ros.doors`.
+    """
+
+    def refuse(self, sentence: str) -> None:
+        """Log why something that came from outside was not obeyed."""
+        if self.context.ok():
+            self._refusals.tell(sentence)
+
+    @cached_property
+    def _refusals(self) -> doors.Refusals:
+        return doors.Refusals(self.get_logger().warning)
+
+    @contextmanager
+    def refusing(self, what: str) -> Iterator[None]:
+        """Log in a sentence what fails inside, and go on; `what` was being done."""
+        try:
+            yield
+        except (ExternalShutdownException, ShutdownException):
+            raise
+        except Exception as error:
+            if not self.context.ok():
+                raise
+            self.refuse(f"{what} {doors.sentence_of(error)}")
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, **options: Any
+    ) -> Any:
+        """As rclpy's; a message that `callback` cannot take is refused in a sentence."""
+        behind = doors.message_door(callback, self.refuse, topic)
+        return super().create_subscription(msg_type, topic, behind, *args, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """As rclpy's; a request that `callback` cannot serve is answered with a sentence."""
+        behind = doors.service_door(callback, self.refuse, srv_name)
+        return super().create_service(srv_type, srv_name, behind, **options)
+
+    def add_on_set_parameters_callback(self, callback: Any) -> None:
+        """As rclpy's; parameters that `callback` cannot take are refused with a sentence."""
+        super().add_on_set_parameters_callback(doors.parameter_door(callback, self.refuse))
 
     def close(self) -> None:
         """End threads and ports, then destroy the node; a second call does nothing."""
@@ -49,12 +91,35 @@ def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> N
     """
     try:
         while executor.context.ok() and keep_going():
-            executor.spin_once(timeout_sec=SPIN_PERIOD_S)
+            serve_once(executor, SPIN_PERIOD_S)
     except (ExternalShutdownException, ShutdownException):
         pass
     except Exception:
         if executor.context.ok():  # else a signal shut the context down in the middle of the call
             raise
+
+
+def serve_once(executor: Executor, timeout_s: float) -> None:
+    """Serve one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
+    with outliving(executor):
+        executor.spin_once(timeout_sec=timeout_s)
+
+
+@contextmanager
+def outliving(executor: Executor) -> Iterator[None]:
+    """Log what fails inside in a sentence, such as a message that cannot even be decoded, and go on.
+
+    What fails because the context was shut down passes.
+    """
+    try:
+        yield
+    except (ExternalShutdownException, ShutdownException):
+        raise
+    except Exception as error:
+        if not executor.context.ok():
+            raise
+        for node in list(executor.get_nodes())[:1]:
+            node.get_logger().error(doors.sentence_of(error), throttle_duration_sec=doors.REFUSAL_PERIOD_S)
 
 
 class SpinThread:

@@ -65,7 +65,7 @@ class NodeProcess:
     """A node in a process and session of its own; what it writes goes to a file."""
 
     def __init__(self, module: str, arguments: tuple[str, ...], log: Path) -> None:
-        self._log = log
+        self._log, self.folder = log, log.parent
         path = os.pathsep.join(
             filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")])
         )  # apt's ROS, too

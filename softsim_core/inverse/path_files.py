@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError, listing
 from softsim_core.inverse.paths import EffectorPath, PathRefusedError, maze_path
+from softsim_core.scene.catalog import shortened
 from softsim_core.scene.files import config_roots
 
 MAZE_KEY = "anglePlanningTable"
@@ -51,8 +52,12 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
         ConfigError: nothing found, two of that name, or a file of another kind; names what is known.
     """
     text = fspath(name_or_path)
-    path = Path(text).expanduser()
-    if path.is_file():
+    try:
+        path = Path(text).expanduser()
+        is_file = path.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a zero in it
+        raise ConfigError(shortened(text), "", f"is neither a name nor a path ({error!s:.100})") from error
+    if is_file:
         if path.suffix not in SUFFIXES:
             raise ConfigError(text, "", f"a path file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
         return path.absolute()
@@ -64,6 +69,11 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
         "more than one path is called so; add its ending" if found else "no such file, and no known path"
     )
     raise ConfigError(text, "", f"{problem}; known paths: {listing(known)}")
+
+
+def is_known_path(name: str) -> bool:
+    """Whether a name alone, of a file in `configs/paths`, says which path is meant."""
+    return any(name in (known, Path(known).stem) for known in known_paths())
 
 
 def read_maze_plan(file: str | PathLike[str]) -> Array:

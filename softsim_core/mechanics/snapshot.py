@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -21,6 +22,7 @@ MAGIC = b"softsim snapshot, version 2\n"
 
 _FAMILY = b"softsim snapshot, version "
 _DIGEST = 32
+_ORTHOGONAL = 1e-6
 
 
 def pack(fingerprint: bytes, arrays: Mapping[str, Array]) -> bytes:
@@ -56,13 +58,29 @@ def unpack(data: bytes, fingerprint: bytes, shapes: Mapping[str, tuple[int, ...]
         raise SnapshotError("not a snapshot of this scene: save a new one with the scene that is running")
     start = len(MAGIC) + _DIGEST + 8
     end = start + int.from_bytes(body[start - 8 : start], "little")
-    held = {str(name): tuple(shape) for name, shape in json.loads(body[start:end])}
+    try:
+        held = {str(name): tuple(map(int, shape)) for name, shape in json.loads(body[start:end])}
+        values = np.frombuffer(body, dtype="<f8", offset=end).astype(float)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise SnapshotError("the snapshot's table of contents is damaged; save a new one") from error
     _compare(held, shapes)
-    values = np.frombuffer(body, dtype="<f8", offset=end).astype(float)
+    if len(values) != sum(math.prod(shape) for shape in held.values()):
+        raise SnapshotError("the snapshot is shorter or longer than its table says; save a new one")
     if not np.isfinite(values).all():
         raise SnapshotError("the snapshot holds a value that is not finite; save a new one")
     parts = np.split(values, np.cumsum([int(np.prod(shape)) for shape in held.values()])[:-1])
     return {name: part.reshape(shape) for (name, shape), part in zip(held.items(), parts, strict=True)}
+
+
+def need_rotations(name: str, rotations: Array) -> None:
+    """Refuse what are no rotation matrices, shape (k, 3, 3).
+
+    Raises:
+        SnapshotError: one of them is not orthogonal, or mirrors.
+    """
+    products = rotations @ rotations.transpose(0, 2, 1)
+    if not (np.abs(products - np.eye(3)) < _ORTHOGONAL).all() or not (np.linalg.det(rotations) > 0.0).all():
+        raise SnapshotError(f"the snapshot's {name} are no rotations; save a new one")
 
 
 def _compare(held: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int, ...]]) -> None:
@@ -75,7 +93,7 @@ def _compare(held: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int
             raise SnapshotError(f"the snapshot {problem} {listing(names)}; save a new one")
     for name, shape in shapes.items():
         fits = len(held[name]) == len(shape) and all(
-            want in (-1, has) for want, has in zip(shape, held[name], strict=True)
+            want == has or (want == -1 and has >= 0) for want, has in zip(shape, held[name], strict=True)
         )
         if not fits:
             raise SnapshotError(f"the snapshot's {name} has shape {held[name]}, not {shape}; save a new one")

@@ -7,6 +7,7 @@ import importlib
 import io
 import re
 import warnings
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 
@@ -39,6 +40,9 @@ _MESHIO_MODULES = {
 SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
 """Suffixes that can be read, in lower case (upper case is read as well)."""
 
+LONGEST_DETAIL = 150
+"""So many characters of a parser's own message are told."""
+
 _GID_NAMES = {"tetrahedra": "tetra", "triangle": "triangle", "quadrilateral": "quad"}
 _Cells = dict[str, list[IndexArray]]
 
@@ -58,6 +62,11 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
             tetrahedra.
     """
     file = Path(path)
+    with _one_error(file):
+        return _tets(file, placement)
+
+
+def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
     points, cells = _read(file)
     blocks = cells.get("tetra", [])
     if not blocks:
@@ -86,6 +95,11 @@ def read_surface(path: str | PathLike[str], placement: PlacementLike | None = No
         MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no faces.
     """
     file = Path(path)
+    with _one_error(file):
+        return _surface(file, placement)
+
+
+def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
     points, cells = _read(file)
     faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
     if faces:
@@ -123,27 +137,37 @@ def _read(file: Path) -> tuple[Array, _Cells]:
         raise MeshError(file, f"cannot be read: {error.strerror or error}") from error
     if not data.strip():
         raise MeshError(file, "is empty; export the mesh again")
+    if suffix == ".stl":
+        points, triangles = parse_stl(data, file)
+        return points, {"triangle": [triangles]}
+    if suffix == ".obj":
+        points, triangles = parse_obj(data, file)
+        return points, {"triangle": [triangles]}
+    if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
+        points, elements = parse_gid(data, file)
+        return points, {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
+    if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
+        raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
+    points, cells = _read_with_meshio(file, _MESHIO_MODULES[suffix])
+    _refuse_cut_off(data, suffix, cells, file)
+    return points, cells
+
+
+@contextlib.contextmanager
+def _one_error(file: Path) -> Iterator[None]:
+    """Any failure inside becomes one MeshError: parsers fail in their own ways on damaged files."""
     try:
-        if suffix == ".stl":
-            points, triangles = parse_stl(data, file)
-            return points, {"triangle": [triangles]}
-        if suffix == ".obj":
-            points, triangles = parse_obj(data, file)
-            return points, {"triangle": [triangles]}
-        if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
-            points, elements = parse_gid(data, file)
-            return points, {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
-        points, cells = _read_with_meshio(file, _MESHIO_MODULES[suffix])
-        _refuse_cut_off(data, suffix, cells, file)
-        return points, cells
+        yield
     except MeshError:
         raise
     except ImportError as error:
+        suffix = file.suffix.lower()
         raise MeshError(file, f"a {suffix} file needs the Python package {error.name or 'meshio'}") from error
-    except (Exception, SystemExit) as error:  # parsers fail in their own ways on damaged files
-        detail = " ".join(str(error).split())
+    except (Exception, SystemExit) as error:
+        detail = " ".join(str(error).split())[:LONGEST_DETAIL]
         reason = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
-        raise MeshError(file, f"is no valid {suffix} file, or damaged or cut off ({reason})") from error
+        what = f"is no valid {file.suffix.lower()} file, or damaged or cut off ({reason})"
+        raise MeshError(file, what) from error
 
 
 def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
+from softsim_core.scene.catalog import SceneCatalog
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.files import Kind, find_config, known_scenes
 from softsim_core.scene.python_loader import load_python
@@ -17,6 +18,7 @@ __all__ = [
     "Part",
     "RobotDescription",
     "Scene",
+    "SceneCatalog",
     "SceneDescription",
     "find_config",
     "known_scenes",

@@ -17,16 +17,20 @@ SUFFIXES = (".yaml", ".yml", ".py")
 
 
 def config_roots() -> list[Path]:
-    """Existing `configs` folders, best first.
+    """Existing `configs` folders, best first: the entries of $SOFTSIM_CONFIG_PATH, then `installed_roots`."""
+    own = [root for root in _paths_of("SOFTSIM_CONFIG_PATH") if root.is_dir()]
+    return list(dict.fromkeys([*own, *installed_roots()]))
 
-    The entries of $SOFTSIM_CONFIG_PATH; `configs/` beside the package (a checkout, also through symlinked
-    packages); `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH;
+
+def installed_roots() -> list[Path]:
+    """Existing `configs` folders that came with the suite, best first.
+
+    `configs/` beside the package (a checkout, also through symlinked packages);
+    `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH;
     `<sys.prefix>/share/softsim/configs`.
     """
     checkout = Path(__file__).resolve().parents[2] / "configs"
-    candidates = [*_paths_of("SOFTSIM_CONFIG_PATH")]
-    if (checkout / "robots").is_dir():
-        candidates.append(checkout)
+    candidates = [checkout] if (checkout / "robots").is_dir() else []
     candidates += [
         prefix / "share" / "softsim_bringup" / "configs" for prefix in _paths_of("AMENT_PREFIX_PATH")
     ]
@@ -80,10 +84,14 @@ def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) 
         ConfigError: nothing found, or a path that is not a scene file; names what is known.
     """
     text = os.fspath(name_or_path)
-    path = Path(text).expanduser()
-    if path.suffix in SUFFIXES and path.is_file():
+    try:
+        path = Path(text).expanduser()
+        is_file = path.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a zero in it
+        raise ConfigError(f"{text:.60}", "", f"is neither a name nor a path ({error!s:.100})") from error
+    if path.suffix in SUFFIXES and is_file:
         return path.absolute()
-    if path.is_file() and (path.is_absolute() or path.suffix or len(path.parts) > 1):
+    if is_file and (path.is_absolute() or path.suffix or len(path.parts) > 1):
         raise ConfigError(text, "", f"a scene file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
     known = known_scenes(kind)
     name = path.with_suffix("").as_posix() if path.suffix in SUFFIXES else text

@@ -4,11 +4,49 @@ from __future__ import annotations
 
 import ast
 import importlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TypeAlias
 
 from softsim_core.scene.overrides import Item, Steps
 from softsim_core.scene.yaml_source import relative_to_file
+
+MOST_PLACES: Final = 5000
+"""Of larger files not every part is found."""
+
+Place: TypeAlias = tuple[str, int]
+"""A file, and a line in it from 1 on."""
+
+
+def places_of(file: Path) -> dict[str, Place]:
+    """Where every part of a scene's file is written, by its steps: "joints/servo_0/base"; "" is the scene.
+
+    Args:
+        file: The scene's file; those that it extends belong to it. Of a Python file only the scene itself is
+            found, at its `create_scene`.
+    """
+    if file.suffix == ".py":
+        return {"": (str(file), _line_of_function(file))}
+    found: dict[str, Place] = {"": (str(file), 1)}
+    seen, at = set[Path](), file
+    while at not in seen:
+        seen.add(at)
+        root = _root(at)
+        _note(root, "", at, found)
+        target = _values(root).get("extends")
+        if target is None:
+            break
+        at = relative_to_file(str(target[1].value), at)
+    return found
+
+
+def place_of(places: Mapping[str, Place], steps: Steps) -> Place | None:
+    """The place that says most of a part, of what `places_of` found; None: nothing was found."""
+    names = [step.name if isinstance(step, Item) else step for step in steps]
+    for count in range(len(names), -1, -1):
+        if (place := places.get("/".join(names[:count]))) is not None:
+            return place
+    return None
 
 
 def locate(file: Path, steps: Steps) -> tuple[Path, int]:
@@ -22,37 +60,26 @@ def locate(file: Path, steps: Steps) -> tuple[Path, int]:
         The file that says most of it: this one, or one that it extends. A Python file at its `create_scene`;
         line 1 where nothing of it is found.
     """
-    if file.suffix == ".py":
-        return file, _line_of_function(file)
-    found, seen, at = (file, 0, 1), set[Path](), file
-    while at not in seen:
-        seen.add(at)
-        root = _root(at)
-        depth, line = _walk(root, steps)
-        if depth > found[1]:
-            found = (at, depth, line)
-        target = _values(root).get("extends")
-        if target is None or depth == len(steps):
-            break
-        at = relative_to_file(str(target[1].value), at)
-    return found[0], found[2]
+    found = place_of(places_of(file), steps)
+    assert found is not None  # the scene itself is always found
+    return Path(found[0]), found[1]
 
 
-def _walk(node: Any, steps: Steps) -> tuple[int, int]:
-    """How many steps lead on from a node of YAML's, and the line where the last of them stands."""
-    line = 1
-    for depth, step in enumerate(steps):
-        if isinstance(step, Item):
-            items = node.value if isinstance(node.value, list) else []
-            named = [each for each in items if "name" in _values(each)]
-            node = next((each for each in named if _values(each)["name"][1].value == step.name), None)
-            key = node
-        else:
-            key, node = _values(node).get(step, (None, None))
-        if node is None:
-            return depth, line
-        line = key.start_mark.line + 1
-    return len(steps), line
+def _note(node: Any, path: str, file: Path, found: dict[str, Place]) -> None:
+    """Add the parts of a node of YAML's that are not found yet: keys of mappings, named items of lists."""
+    if len(found) > MOST_PLACES:
+        return
+    if getattr(node, "id", "") == "sequence":
+        items = [
+            (_values(each)["name"][1].value, each, each) for each in node.value if "name" in _values(each)
+        ]
+        parts = [(name, key, value) for name, key, value in items if isinstance(name, str)]
+    else:
+        parts = [(name, key, value) for name, (key, value) in _values(node).items()]
+    for name, key, value in parts:
+        below = f"{path}/{name}" if path else name
+        found.setdefault(below, (str(file), key.start_mark.line + 1))
+        _note(value, below, file, found)
 
 
 def _values(node: Any) -> dict[str, tuple[Any, Any]]:

@@ -41,18 +41,19 @@ class _RefusedError(Exception):
         super().__init__(problem)
 
 
-def structure_scene(data: SourcedMapping, file: str | Path) -> RobotDescription:
+def structure_scene(data: SourcedMapping, file: str | Path, *, find_files: bool = True) -> RobotDescription:
     """A typed robot and its scene from the data of a file.
 
     Args:
         data: Mapping as read from YAML, or `unstructure_scene`'s.
         file: Named in messages where a value does not know its own file.
+        find_files: Look for the files that are named; else their paths stay as they are written.
 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
     """
     try:
-        converter = _converter()
+        converter = _converter(find_files)
     except ImportError as error:
         problem = "loading scenes needs cattrs >= 23.2: pip install cattrs (or apt install python3-cattr)"
         raise ConfigError(file, "", problem) from error
@@ -244,8 +245,8 @@ def _one_of(literal: Any) -> Hook:
     return structure
 
 
-@functools.lru_cache(maxsize=1)
-def _converter() -> Any:
+@functools.lru_cache(maxsize=2)
+def _converter(find_files: bool) -> Any:
     cattrs = importlib.import_module("cattrs")
     gen = importlib.import_module("cattrs.gen")
     converter = cattrs.Converter(detailed_validation=True)
@@ -302,6 +303,8 @@ def _converter() -> Any:
             for name, part in inner.items():
                 given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}
             built = build(given, cls)
+            if not find_files:
+                return built
             if cls is MeshFile:
                 return replace(built, file=_located(built.file, "file", value, "mesh file"))
             if issubclass(cls, ActuatorDescription):

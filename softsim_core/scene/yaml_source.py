@@ -5,9 +5,15 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from softsim_core.errors import ConfigError, listing
+
+MOST_CHARACTERS: Final = 4_000_000
+"""A longer text is refused before it is parsed."""
+
+MOST_VALUES: Final = 200_000
+"""So many values a text may hold, each alias counted as all that it stands for."""
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 """Steps from the top of a file to a value: ("bodies", 0, "material")."""
@@ -46,7 +52,8 @@ def read_yaml(file: Path) -> SourcedMapping:
         ConfigError: unreadable file, YAML syntax, a key given twice or not text, no mapping at the top.
     """
     try:
-        text = file.read_text(encoding="utf-8")
+        with file.open(encoding="utf-8") as stream:
+            text = stream.read(MOST_CHARACTERS + 1)
     except OSError as error:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
@@ -58,15 +65,24 @@ def parse_yaml(text: str, file: Path) -> SourcedMapping:
     """The mapping that YAML text holds, as `read_yaml`; `file` is what wrote its keys.
 
     Raises:
-        ConfigError: YAML syntax, a key given twice or not text, no mapping at the top.
+        ConfigError: YAML syntax, a key given twice or not text, no mapping at the top, or more than
+            MOST_CHARACTERS or MOST_VALUES.
     """
+    if len(text) > MOST_CHARACTERS:
+        raise ConfigError(file, "", f"is longer than {MOST_CHARACTERS} characters; make it shorter")
     yaml = _pyyaml(file)
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
         if node is None or not isinstance(node, yaml.MappingNode):
             raise ConfigError(file, "", "must hold `key: value` lines at the top level")
+        if _values_in(node, {}) > MOST_VALUES:
+            raise ConfigError(
+                file, "", f"holds more than {MOST_VALUES} values, aliases counted as all they hold"
+            )
         data = _Reader(yaml, loader, file).value(node, ())
+    except RecursionError:
+        raise ConfigError(file, "", "is nested too deeply; write it flatter") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
@@ -74,6 +90,16 @@ def parse_yaml(text: str, file: Path) -> SourcedMapping:
         raise ConfigError(file, where, f"YAML syntax: {problem}") from error
     assert isinstance(data, SourcedMapping)
     return data
+
+
+def _values_in(node: Any, counted: dict[int, int]) -> int:
+    """How many values a node of YAML's stands for; one that contains itself is counted once."""
+    if id(node) not in counted:
+        counted[id(node)] = 1
+        parts = node.value if isinstance(node.value, list) else []
+        below = [each for part in parts for each in (part if isinstance(part, tuple) else (part,))]
+        counted[id(node)] = min(1 + sum(_values_in(each, counted) for each in below), MOST_VALUES + 1)
+    return counted[id(node)]
 
 
 class _Reader:

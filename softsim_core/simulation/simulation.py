@@ -20,7 +20,9 @@ from softsim_core.dynamics.statics import StaticSolution, solve_static
 from softsim_core.errors import (
     DetectionOverflowError,
     FactorisationError,
+    MaterialError,
     SceneError,
+    SnapshotError,
     SolverDivergedError,
     listing,
 )
@@ -29,7 +31,7 @@ from softsim_core.fem.locking import locking_warning
 from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.limits import check_command
-from softsim_core.mechanics.snapshot import pack, unpack
+from softsim_core.mechanics.snapshot import need_rotations, pack, unpack
 from softsim_core.mechanics.state import WARM_START_COLUMNS
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
@@ -305,19 +307,38 @@ class Simulation(SceneState):
         shapes = {name: array.shape for name, array in self._saved().items()}
         shapes["state.warm_start"] = (-1, WARM_START_COLUMNS)
         saved = unpack(data, self._fingerprint, shapes)
+        materials, damping, steps = self._checked(saved)  # before anything is changed
         self._state.take(_part(saved, "state."))
         self._drive.take(_part(saved, "drive."))
         self._bases.restore(saved["bases.targets"])
         self._forces[:] = saved["forces"]
         self._rigid_forces[:] = saved["rigid_forces"]
-        tuned = iter(saved["parameters.materials"].tolist())
-        self.parameters.materials = [
-            {name: next(tuned) for name in values} for values in self.parameters.materials
-        ]
-        self.parameters.rayleigh_stiffness = float(saved["parameters.rayleigh_stiffness"][0])
-        self.parameters.rayleigh_mass = float(saved["parameters.rayleigh_mass"][0])
-        self._steps = int(saved["steps"][0])
+        self.parameters.materials = materials
+        self.parameters.rayleigh_stiffness, self.parameters.rayleigh_mass = damping
+        self._steps = steps
         self._forget_contacts()
+
+    def _checked(self, saved: Mapping[str, Array]) -> tuple[list[dict[str, float]], tuple[float, float], int]:
+        """Materials, damping per stiffness and per mass, and steps of a snapshot.
+
+        Raises:
+            SnapshotError: one of them, or a rotation, cannot be.
+        """
+        for name in ("state.frame_rotations", "state.rigid_rotations"):
+            need_rotations(name, saved[name])
+        tuned = iter(saved["parameters.materials"].tolist())
+        materials = [{name: next(tuned) for name in values} for values in self.parameters.materials]
+        stiffness, mass, steps = (
+            float(saved[name][0])
+            for name in ("parameters.rayleigh_stiffness", "parameters.rayleigh_mass", "steps")
+        )
+        try:
+            materials = [self.model.law(b).values(values) for b, values in enumerate(materials)]
+        except MaterialError as error:
+            raise SnapshotError(f"the snapshot's {error}; save a new one") from error
+        if min(stiffness, mass, steps) < 0.0 or steps != int(steps):
+            raise SnapshotError("the snapshot's damping or number of steps cannot be; save a new one")
+        return materials, (stiffness, mass), int(steps)
 
     def reset(self) -> None:
         """Back to the start of the scene, with the parameters as they are tuned now."""

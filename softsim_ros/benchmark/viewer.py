@@ -210,7 +210,7 @@ def _watch_once(
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    viewer = _start(VIEWER_MODULE, log, environment, f"robot:={robot}", f"port:={port}")
+    viewer = _start(VIEWER_MODULE, log, environment, f"robot:={robot}", f"port:={port}", "no_token:=true")
     browser = Browser(port)
     try:
         browser.start()

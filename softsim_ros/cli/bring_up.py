@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
+from collections.abc import Sequence
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -31,6 +33,7 @@ class BringUp:
         board: The bridge's board.
         inverse: With inverse control, disabled until key I.
         watch: Load the scene anew whenever one of its files is saved.
+        allow_code: Folders whose Python scenes may be loaded at run time.
     """
 
     def __init__(
@@ -41,13 +44,17 @@ class BringUp:
         *,
         inverse: bool = False,
         watch: bool = False,
+        allow_code: Sequence[str] = (),
     ) -> None:
         self.board: BoardNode | None = None
         self.bridge: ServoBridge | None = None
         self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
+            values = {"watch": watch, "allow_code": os.pathsep.join(allow_code)}
             self.simulator = Simulator(
-                robot, namespace=namespace, parameter_overrides=[Parameter("watch", value=watch)]
+                robot,
+                namespace=namespace,
+                parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             )
             stack.callback(self.simulator.close)
             bridged = board.kind is not BoardKind.NONE
@@ -97,6 +104,7 @@ def run_bring_up(
     *,
     inverse: bool = False,
     watch: bool = False,
+    allow_code: Sequence[str] = (),
     page: WebPage | None = None,
 ) -> int:
     """Run a robot until its person or a signal ends it.
@@ -108,6 +116,7 @@ def run_bring_up(
         interactive: Show the teleop in this terminal; else a status line.
         inverse: With inverse control.
         watch: Load the scene anew whenever one of its files is saved.
+        allow_code: Folders whose Python scenes may be loaded at run time.
         page: The viewer, whose address is told once the robot runs.
 
     Returns:
@@ -117,7 +126,8 @@ def run_bring_up(
         SoftSimError: a node could not be made.
     """
     print(f"starting {robot.name}: Ctrl-C ends it in the safe pose", flush=True)
-    with ros_process(), BringUp(robot, namespace, board, inverse=inverse, watch=watch) as nodes:
+    options = {"inverse": inverse, "watch": watch}
+    with ros_process(), BringUp(robot, namespace, board, **options, allow_code=allow_code) as nodes:
         try:
             notice = "" if page is None else page.notice()
             if notice:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
-from collections.abc import Mapping
-from typing import Any
 
 from softsim_core.errors import SoftSimError
 from softsim_core.scene.files import config_roots, known_scenes
@@ -41,23 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _show(scene: str) -> int:
     try:
         from softsim_core.scene import load_scene
-        from softsim_core.scene.structure import unstructure_scene
+        from softsim_core.scene.portable import write_description
 
-        yaml = importlib.import_module("yaml")
-        data = _plain(unstructure_scene(load_scene(scene)))
+        text = write_description(load_scene(scene))
     except (SoftSimError, ImportError) as error:
         print(f"softsim scenes: {error}", file=sys.stderr)
         return 1
-    print(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), end="")
+    print(text, end="")
     return 0
-
-
-def _plain(value: Any) -> Any:
-    """What YAML can hold; meshes made in Python are named by their size."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    return f"made in Python: {len(value.points)} nodes, {len(value.tets)} tetrahedra"

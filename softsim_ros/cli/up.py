@@ -34,6 +34,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--watch", action="store_true", help="load the scene anew whenever one of its files is saved"
     )
+    parser.add_argument(
+        "--allow-code",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="Python scenes of this folder may be loaded from the page and over ROS; they run code",
+    )
     parser.add_argument("--no-viewer", action="store_true", help="without the web page")
     parser.add_argument(
         "--lite", action="store_true", help="cheap light in the page, for browsers without a GPU"
@@ -44,6 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=PAGE_HOST,
         metavar="IP",
         help=f"who reaches the page: {PAGE_HOST}, this machine (default), 0.0.0.0 the network, by token",
+    )
+    parser.add_argument(
+        "--no-token",
+        action="store_true",
+        help="the page asks for no secret: every account of this machine may drive the robot",
     )
     parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
@@ -85,8 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(only_one(namespace))
         page = None
         if not arguments.no_viewer:
-            choice = PageChoice(arguments.host, arguments.port, arguments.lite)
-            page = stack.enter_context(WebPage(str(scene.source or scene.name), namespace, choice))
+            choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
+            page = stack.enter_context(WebPage(scene.name, namespace, choice))
         return run_bring_up(
             scene,
             namespace,
@@ -94,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
             interactive and bool(scene.joints),
             inverse=arguments.inverse,
             watch=arguments.watch,
+            allow_code=arguments.allow_code,
             page=page,
         )
 

@@ -27,23 +27,25 @@ class PageChoice:
         host: IP address to listen on.
         port: TCP port.
         lite: Cheap light, for browsers without a graphics card.
+        no_token: Ask for no secret, on this machine only.
     """
 
     host: str
     port: int
     lite: bool = False
+    no_token: bool = False
 
 
 class WebPage:
     """A viewer process; leaving the `with` block ends it.
 
     Args:
-        source: Robot or scene, as the viewer's parameter `robot`.
+        robot: Name of the robot or scene, as the viewer's parameter `robot`.
         namespace: Namespace of the robot, without slashes at its ends.
         choice: Address and looks.
     """
 
-    def __init__(self, source: str, namespace: str, choice: PageChoice) -> None:
+    def __init__(self, robot: str, namespace: str, choice: PageChoice) -> None:
         self._settled = threading.Event()
         self._address, self._last = "", "it ended without a word"
         self._process: subprocess.Popen[str] | None = None
@@ -52,10 +54,11 @@ class WebPage:
             self._settled.set()
             return
         parameters = {
-            "robot": source,
+            "robot": robot,
             "host": choice.host,
             "port": choice.port,
             "lite": str(choice.lite).lower(),
+            "no_token": str(choice.no_token).lower(),
             "parent": os.getpid(),
         }
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]

@@ -11,8 +11,12 @@ from geometry_msgs.msg import Quaternion as QuaternionMessage
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, listing
 from softsim_core.mechanics.pose import Pose
+from softsim_core.scene.catalog import shortened
 
 WORLD = "world"
+
+FARTHEST_M = 1000.0
+"""A goal further from the origin than this, in [m], is none that somebody meant."""
 
 NORM_TOLERANCE = 0.1
 """A quaternion whose length is further from 1 than this is no rotation somebody meant."""
@@ -27,15 +31,19 @@ def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose
         what: What the pose is, for the sentence of a refusal.
 
     Raises:
-        CommandError: unknown frame, a value that is not a finite number, or no rotation.
+        CommandError: unknown frame, a position that is not finite or too far away, or no rotation.
     """
     frame = message.header.frame_id
     if frame not in frames:
-        raise CommandError(f"{what} refused: unknown frame_id {frame!r}; allowed: {listing(frames)}")
+        raise CommandError(
+            f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(frames)}"
+        )
     place = message.pose.position
     position = np.array([place.x, place.y, place.z])
-    if not np.isfinite(position).all():
-        raise CommandError(f"{what} refused: position {position.tolist()} is not finite")
+    if not (np.abs(position) <= FARTHEST_M).all():  # also catches NaN
+        raise CommandError(
+            f"{what} refused: position {position.tolist()} is not finite or beyond {FARTHEST_M:g} m"
+        )
     return Pose(position, unit_quaternion(message.pose.orientation, what))
 
 

@@ -34,9 +34,6 @@ from softsim_ros.runtime import run_node
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
-WARNING_PERIOD_S = 1.0
-"""Warnings about refused goals and foreign commands come at most this often, in [s]."""
-
 MODEL_POSE_PERIOD_S = 0.05
 _NEWEST_ONLY = QoSProfile(depth=1)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -77,7 +74,7 @@ class InverseControl(RobotNode):
             robot.joints,
             robot.scene.dt,
             self._publish,
-            self._warn,
+            self.refuse,
             self._ended,
         )
         self._control.feedback = start.feedback
@@ -130,7 +127,7 @@ class InverseControl(RobotNode):
     def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
         missing = [joint for joint in self._description.joint_names if joint not in names]
         if missing:
-            self._warn(
+            self.refuse(
                 f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
             )
             return None
@@ -144,7 +141,7 @@ class InverseControl(RobotNode):
         try:
             pose = checked_pose(message, self._frames, "effector_pose")
         except CommandError as error:
-            self._warn(str(error))
+            self.refuse(str(error))
         else:
             self.control.plant = self.control.plant.with_effector(pose, time.monotonic())
 
@@ -152,7 +149,7 @@ class InverseControl(RobotNode):
         try:
             turn = unit_quaternion(message.orientation, "imu")
         except CommandError as error:
-            self._warn(str(error))
+            self.refuse(str(error))
         else:
             self.control.plant = self.control.plant.with_imu(turn, time.monotonic())
 
@@ -162,7 +159,7 @@ class InverseControl(RobotNode):
         try:
             self.control.set_goal(checked_pose(message, self._frames, "goal"))
         except CommandError as error:
-            self._warn(str(error))
+            self.refuse(str(error))
 
     def _publish(self, command: Array, model: Pose) -> None:
         """Send a command and now and then the model's pose; called from the control thread."""
@@ -179,7 +176,7 @@ class InverseControl(RobotNode):
     def _on_foreign_command(self) -> None:
         if self.control.status.mode != "off":
             self._foreign_commands += 1
-            self._warn(
+            self.refuse(
                 "somebody else writes position_controller/commands while inverse control is on: one writer "
                 "at a time; stop it, or disable inverse control"
             )
@@ -211,10 +208,6 @@ class InverseControl(RobotNode):
         except SoftSimError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-    def _warn(self, sentence: str) -> None:
-        if self.context.ok():
-            self.get_logger().warning(sentence, throttle_duration_sec=WARNING_PERIOD_S)
 
     def _ended(self, sentence: str) -> None:
         if self.context.ok():

@@ -20,8 +20,9 @@ from std_srvs.srv import SetBool, Trigger
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
-from softsim_core.inverse.path_files import find_path, read_path
+from softsim_core.inverse.path_files import find_path, is_known_path, known_paths, read_path
 from softsim_core.inverse.paths import EffectorPath
+from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.inverse_switch import InverseSwitch
@@ -58,7 +59,7 @@ class PathFollower(RobotNode):
         self._rest = effector_rest(robot)
         declare_parameters(self)
         self._own_task = robot.inverse.task
-        self._file = str(self.get_parameter("file").value)
+        self._file = self._start_file = str(self.get_parameter("file").value)
         self._player = PathPlayer()
         self._received: EffectorPath | None = None
         self._measured: Array | None = None
@@ -235,12 +236,25 @@ class PathFollower(RobotNode):
         except SoftSimError as error:
             self._warn(str(error))
 
+    def _known(self, name: str) -> str:
+        """A path that may be asked for at run time: a known name, or the file of the start command.
+
+        Raises:
+            CommandError: it is another file.
+        """
+        if name == self._start_file or is_known_path(name):
+            return name
+        raise CommandError(
+            f"file {shortened(name)!r} is refused: at run time it is a name in configs/paths, or that of "
+            f"the start command; known paths: {names_up_to(MOST_NAMES, known_paths())}"
+        )
+
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
             if parameter.name == "file":
                 try:
                     if parameter.value:
-                        read_path(str(parameter.value), self._rest)
+                        read_path(self._known(str(parameter.value)), self._rest)
                 except SoftSimError as error:
                     return SetParametersResult(successful=False, reason=str(error))
                 self._file, self._received = str(parameter.value), None

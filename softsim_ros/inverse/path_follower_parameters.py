@@ -24,7 +24,7 @@ def declare_parameters(node: Node) -> None:
         node,
         "file",
         "",
-        "Path: a maze plan (.json) or timed poses (.csv); a file, or a name in configs/paths",
+        "Path: a maze plan (.json) or timed poses (.csv); a name in configs/paths, at the start also a file",
         read_only=False,
     )
     declare_text(

@@ -6,7 +6,11 @@ import numpy as np
 from nav_msgs.msg import Path as PathMessage
 
 from softsim_core.inverse.paths import EffectorPath, PathRefusedError
+from softsim_ros.inverse.goals import FARTHEST_M
 from softsim_ros.inverse.robot import check_frame
+
+MOST_POSES = 100_000
+"""A path of more poses is refused."""
 
 
 def effector_path(message: PathMessage, robot: str) -> EffectorPath:
@@ -19,6 +23,8 @@ def effector_path(message: PathMessage, robot: str) -> EffectorPath:
     Raises:
         CommandError: unknown frame, no poses, stamps that do not increase, or a number that is not finite.
     """
+    if len(message.poses) > MOST_POSES:
+        raise PathRefusedError(f"it has {len(message.poses)} poses; send at most {MOST_POSES}")
     check_frame("path", message.header.frame_id, robot)
     for pose in message.poses:
         if pose.header.frame_id:
@@ -29,6 +35,8 @@ def effector_path(message: PathMessage, robot: str) -> EffectorPath:
     first = stamps[0]
     times = [float(sec - first[0]) + 1e-9 * (nanosec - first[1]) for sec, nanosec in stamps]
     places = [pose.pose.position for pose in message.poses]
+    if not all(abs(each) <= FARTHEST_M for place in places for each in (place.x, place.y, place.z)):
+        raise PathRefusedError(f"a position is not finite or further than {FARTHEST_M:g} m away")
     turns = [pose.pose.orientation for pose in message.poses]
     return EffectorPath(
         times,

@@ -7,6 +7,7 @@ import numpy as np
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, listing
+from softsim_core.scene.catalog import shortened
 from softsim_ros.inverse.goals import WORLD
 
 
@@ -35,4 +36,6 @@ def check_frame(what: str, frame: str, robot: str) -> None:
     """
     allowed = world_frames(robot)
     if frame not in allowed:
-        raise CommandError(f"{what} refused: unknown frame_id {frame!r}; allowed: {listing(allowed)}")
+        raise CommandError(
+            f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(allowed)}"
+        )

@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
 from rosbags.rosbag2 import Reader, ReaderError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from softsim_core.errors import SoftSimError
+from softsim_core.scene.catalog import shortened
+from softsim_ros.recording.budgets import guard_reader, hold_budget
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.torn_files import is_torn
+
+DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    struct.error,
+    SerdeError,
+    TypesysError,
+)
+"""What reading a damaged bag ends in, deep inside of the reader or of what takes its messages."""
+
+MOST_REASON = 150
+"""So many characters of the reader's own reason are told."""
 
 
 class RawMessage(NamedTuple):
@@ -44,25 +69,58 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path.expanduser()
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        try:
-            self._reader = Reader(storage_of(self.path))
+        guard_reader()
+        self.path = path
+        with self._sentences("cannot be read"):
+            self.path = path.expanduser()
+            hold_budget(storage := storage_of(self.path))
+            self._reader = Reader(storage)
             self._reader.open()
-        except (ReaderError, OSError) as error:
-            raise BagError(self.path, f"cannot be read ({error})") from error
-        notes = getattr(self._reader.storage.metadata, "custom", None) or {}
-        self.namespace = str(notes.get("namespace") or self._common_namespace())
-        self.robot = str(notes.get("robot") or self.namespace.strip("/"))
-        self._register_types()
+        try:
+            self._read_notes()
+        except BaseException:
+            self._reader.close()
+            raise
+
+    def _read_notes(self) -> None:
+        """Learn whose bag it is, and its message types."""
+        with self._sentences("cannot be read"):
+            notes = getattr(self._reader.storage.metadata, "custom", None) or {}
+            self.namespace = shortened(str(notes.get("namespace") or self._common_namespace()), 200)
+            self.robot = shortened(str(notes.get("robot") or self.namespace.strip("/")), 200)
+            self._register_types()
 
     def __enter__(self) -> Bag:
         """Open already."""
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file; what its content has led to is said in a sentence.
+
+        Raises:
+            BagError: in the place of an error that a damaged or foreign bag leads to.
+        """
         self._reader.close()
+        if isinstance(error, DAMAGE) and not isinstance(error, SoftSimError):
+            raise self._damaged("is damaged, or no bag of a robot", error) from error
+
+    @contextmanager
+    def _sentences(self, what: str) -> Iterator[None]:
+        """Turn whatever a damaged bag leads to inside into a BagError."""
+        try:
+            yield
+        except SoftSimError:
+            raise
+        except (ReaderError, OSError, AssertionError, *DAMAGE) as error:
+            raise self._damaged(what, error) from error
+
+    def _damaged(self, what: str, error: BaseException) -> BagError:
+        reason = shortened(str(error), MOST_REASON) or "no reason given"
+        told = reason if isinstance(error, ReaderError | OSError) else f"{type(error).__name__}: {reason}"
+        return BagError(self.path, f"{what} ({told})")
 
     @property
     def topics(self) -> dict[str, str]:
@@ -114,11 +172,13 @@ class Bag:
         connections = self._reader.connections if topics is None else self._connections(topics)
         if not connections:
             return
-        try:
-            for connection, stamp, data in self._reader.messages(connections, since_ns, before_ns):
-                yield RawMessage(connection.topic, stamp, data)
-        except (ReaderError, OSError) as error:
-            raise BagError(self.path, f"is damaged ({error})") from error
+        stored = self._reader.messages(connections, since_ns, before_ns)
+        while True:
+            with self._sentences("is damaged"):
+                message = next(stored, None)
+            if message is None:
+                return
+            yield RawMessage(message[0].topic, message[1], message[2])
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Stamp in [ns] and decoded message of one topic, given by its full name."""
@@ -126,7 +186,9 @@ class Bag:
         if type_name is None:
             return
         for message in self.raw_messages([topic]):
-            yield message.stamp_ns, self._types.deserialize_cdr(message.data, type_name)
+            with self._sentences(f"is damaged: a message on {topic} cannot be read"):
+                decoded = self._types.deserialize_cdr(message.data, type_name)
+            yield message.stamp_ns, decoded
 
     def _connections(self, topics: Collection[str]) -> list[Connection]:
         return [each for each in self._reader.connections if each.topic in topics]

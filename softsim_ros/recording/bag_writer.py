@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, WriterError
 from rosbags.typesys import Stores, get_typestore
 
+from softsim_ros.recording.checksums import ChecksummedWriter
 from softsim_ros.recording.errors import RecordingError
 from softsim_ros.recording.torn_files import end_torn_file
 
@@ -41,7 +42,7 @@ class BagWriter:
         self._newest = 0
         self._begin = 0
         try:
-            self._writer = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+            self._writer = ChecksummedWriter(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             for key, value in notes.items():
                 self._writer.set_custom_data(key, value)

@@ -21,7 +21,7 @@ from softsim_ros.recording.qos import publisher_qos
 from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.replay_source import Event
 from softsim_ros.recording.selection import SHARED
-from softsim_ros.runtime import ClosableNode, declare_number
+from softsim_ros.runtime import ClosableNode, declare_number, serve_once
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "replay"
@@ -144,7 +144,7 @@ class Replay(ClosableNode):
         while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
             time.monotonic()
         ):
-            executor.spin_once(timeout_sec=min(max(wait, 0.0), LOOK_PERIOD_S))
+            serve_once(executor, min(max(wait, 0.0), LOOK_PERIOD_S))
             if not executor.context.ok():
                 return False
             if self._looks.passes(time.monotonic()):
@@ -176,7 +176,7 @@ class Replay(ClosableNode):
         while not until():
             if time.monotonic() > end or not executor.context.ok():
                 return False
-            executor.spin_once(timeout_sec=LOOK_PERIOD_S)
+            serve_once(executor, LOOK_PERIOD_S)
         return True
 
     def _refuse_rivals(self) -> None:

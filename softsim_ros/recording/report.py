@@ -7,8 +7,9 @@ import importlib.util
 from datetime import datetime
 from html import escape
 
-from softsim_core import RobotDescription, load_scene
+from softsim_core import RobotDescription
 from softsim_core.errors import SoftSimError
+from softsim_core.scene import SceneCatalog
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import diagnostic_row
 from softsim_ros.recording.curves import charts
@@ -67,7 +68,7 @@ def _summary(bag: Bag) -> str:
 
 def _scene(bag: Bag) -> RobotDescription | None:
     try:
-        return load_scene(bag.robot)
+        return SceneCatalog().load(bag.robot)  # a known name: a bag may name anything
     except SoftSimError:
         return None
 

@@ -5,21 +5,25 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from rclpy.node import Node
 
 from softsim_core.fem.materials import material, material_names
+from softsim_core.scene.catalog import folders_of
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_ros.runtime import declare_number, declare_switch, declare_text
-from softsim_ros.simulator.snapshot_file import default_snapshot_file
+from softsim_ros.runtime import ParameterError, declare_number, declare_switch, declare_text
+from softsim_ros.simulator.snapshot_folder import SnapshotFolder, default_folder
 
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")
 DAMPING = ("rayleigh_stiffness", "rayleigh_mass")
 RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.499)}
 """Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
+SLOWEST = 1.0e-3
+"""Least speed but 0, in simulated seconds a wall second; at slower ones a step comes after minutes."""
 LARGEST = 1.0e12
 """End of a range that a law leaves open."""
 
@@ -43,6 +47,7 @@ class StartParameters:
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
         publish_clock: Whether simulated time goes to /clock and into the stamps.
         watch: Whether the scene is loaded anew when one of its files is saved.
+        snapshots: Where snapshots are kept.
         tunings: Parameters of the physics that change at run time, by name.
     """
 
@@ -53,7 +58,19 @@ class StartParameters:
     marker_stress: float
     publish_clock: bool
     watch: bool
+    snapshots: SnapshotFolder
     tunings: dict[str, Tuning]
+
+
+def checked_speed(speed: float) -> float:
+    """Simulated seconds a wall second.
+
+    Raises:
+        ParameterError: slower than SLOWEST, but not 0.
+    """
+    if 0.0 < speed < SLOWEST:
+        raise ParameterError(f"parameter speed = {speed:g} is refused; allowed: 0.0, {SLOWEST:g} to 1000")
+    return speed
 
 
 def declare_overrides(node: Node) -> str:
@@ -65,6 +82,37 @@ def declare_overrides(node: Node) -> str:
         "Values laid over the scene's file, as YAML: {gravity: [0, 0, -1.6]}; it begins anew with them",
         read_only=False,
     )
+
+
+def declare_snapshots(node: Node, robot: str) -> SnapshotFolder:
+    """Declare the name of the snapshot, which can be set at run time, and its folder; returns the folder.
+
+    Raises:
+        SnapshotError: the name is not allowed.
+    """
+    folder = declare_text(
+        node,
+        "snapshot_folder",
+        str(default_folder()),
+        "Folder of the snapshots, which lie there under their names",
+    )
+    name = declare_text(
+        node, "snapshot", robot, "Name of the snapshot that ~/save writes and ~/load reads", read_only=False
+    )
+    snapshots = SnapshotFolder(Path(folder))
+    snapshots.file(name)
+    return snapshots
+
+
+def declare_allowed_code(node: Node) -> list[str]:
+    """Declare and return the folders whose Python scenes may be loaded while the node runs."""
+    text = declare_text(
+        node,
+        "allow_code",
+        "",
+        "Folders whose Python scenes may be loaded by name at run time, separated as in PATH; they run code",
+    )
+    return folders_of(text)
 
 
 def clear_overrides(node: Node) -> None:
@@ -97,21 +145,22 @@ def declare_parameters(node: Node, robot: RobotDescription, named: str) -> Start
         robot.commands.enforce_limits,
         "Keep joint limits (position and speed); false allows full turns, in simulation only",
     )
-    declare_text(
-        node,
-        "snapshot_file",
-        str(default_snapshot_file(named)),
-        "File that ~/save writes and ~/load reads",
-        read_only=False,
-    )
+    snapshots = declare_snapshots(node, named)
     watch = declare_switch(
         node, "watch", False, "Load the scene anew whenever one of its files is saved", read_only=True
     )
     clock = declare_switch(
         node, "publish_clock", False, "Send simulated time on /clock and stamp with it", read_only=True
     )
-    speed = declare_number(
-        node, "speed", 1.0, "Simulated seconds a wall second; 0.0 is as fast as possible", 0.0, 1000.0
+    speed = checked_speed(
+        declare_number(
+            node,
+            "speed",
+            1.0,
+            f"Simulated seconds a wall second, at least {SLOWEST:g}; 0.0 is as fast as possible",
+            0.0,
+            1000.0,
+        )
     )
     mesh_rate = declare_number(
         node, "mesh_rate", 30.0, "Messages a second on mesh/points, in Hz; 0.0 sends none", 0.0, 1000.0
@@ -136,6 +185,7 @@ def declare_parameters(node: Node, robot: RobotDescription, named: str) -> Start
         marker_stress=marker_stress,
         publish_clock=clock,
         watch=watch,
+        snapshots=snapshots,
         tunings=tunings,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,7 @@ class Publications:
         publish_clock: Send simulated time on /clock and stamp every message with it.
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
         overrides: Text of what is laid over the scene's file.
+        scenes: Names of the scenes that can be loaded in its place.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Publications:
         publish_clock: bool = False,
         marker_stress: float = 0.0,
         overrides: str = "",
+        scenes: Sequence[str] = (),
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
         self._base = f"{robot}_base"
@@ -87,14 +89,14 @@ class Publications:
         self._create_tf(node)
         self._structure = StructurePublications(node)
         self._objects = ObjectPublications(node)
-        self.show_scene(simulation, overrides)
+        self.show_scene(simulation, overrides, scenes)
 
-    def show_scene(self, simulation: Simulation, overrides: str = "") -> None:
+    def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
         """Send what does not move: of the first simulation, or of another one that takes its place."""
         self._frame_names = {simulation.scene.effector: self._effector_frame}
         points, triangles = simulation.visual_rest_points, simulation.visual_triangles
         self._topology.publish(messages.topology(points, triangles))
-        self._structure.show_scene(simulation, overrides)
+        self._structure.show_scene(simulation, overrides, scenes)
         self._objects.show_scene(simulation)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 

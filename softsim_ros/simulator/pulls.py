@@ -15,7 +15,8 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, SoftSimError, listing
+from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
 from softsim_ros.runtime import declare_number
 from softsim_ros.simulator.physics_thread import PhysicsThread
@@ -108,7 +109,7 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
         CommandError: there is no such place.
     """
     forces = np.zeros_like(simulation.forces)
-    if match := re.fullmatch(r"mesh_point/(\d+)", frame):
+    if match := re.fullmatch(r"mesh_point/([0-9]{1,9})", frame):
         index = int(match[1])
         for body in simulation.bodies:
             if index < len(body.surface.points):
@@ -124,6 +125,6 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)
     raise CommandError(
-        f"pull refused: no place {frame!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
-        f"free frames {listing(simulation.model.frame_names)}; nothing is pulled"
+        f"pull refused: no place {shortened(frame)!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
+        f"free frames {names_up_to(MOST_NAMES, simulation.model.frame_names)}; nothing is pulled"
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import ConfigError, SceneError
+from softsim_core.scene.catalog import names_up_to
 from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 from softsim_core.values import MeshFile
@@ -31,6 +34,7 @@ class SceneFiles:
         self._name, self._source = robot.name, robot.source
         self._files = files_of(robot)
         self._loaded = self._seen = stamps(self._files)
+        self._named_files = named_files(robot)
 
     def load(self) -> RobotDescription:
         """The scene as its files are now.
@@ -48,6 +52,26 @@ class SceneFiles:
         scene = load_scene(self._source, read_overrides(self.overrides))
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+        self._named_files |= named_files(scene)
+        return scene
+
+    def try_overrides(self, overrides: str) -> RobotDescription:
+        """The scene with other overrides, which come from others; only `load` takes them over.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: as `load`; or the overrides name a file that the scene itself does not name.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
+        scene = load_scene(self._source, read_overrides(overrides))
+        others = sorted(map(str, named_files(scene) - self._named_files)) if overrides else []
+        if others:
+            raise ConfigError(
+                "overrides",
+                "",
+                f"name other files than the scene does ({names_up_to(3, others)}); name them in its file",
+            )
         return scene
 
     def saved(self) -> bool:
@@ -70,6 +94,19 @@ def files_of(robot: RobotDescription) -> list[Path]:
     for body in robot.scene.bodies:
         files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
     return list(dict.fromkeys(files))
+
+
+def named_files(value: Any) -> set[Path]:
+    """Every file that a description names: meshes, surfaces, and those of actuators."""
+    if isinstance(value, Path):
+        return {value}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = [getattr(value, each.name) for each in dataclasses.fields(value) if each.name != "source"]
+    elif isinstance(value, tuple | list):
+        parts = list(value)
+    else:
+        return set()
+    return {file for part in parts for file in named_files(part)}
 
 
 def stamps(files: list[Path]) -> Stamps:

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,8 +19,9 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core import RobotDescription, Simulation, load_scene
+from softsim_core import RobotDescription, Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
+from softsim_core.scene import SceneCatalog
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
@@ -30,7 +30,9 @@ from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.parameters import (
     StartParameters,
+    checked_speed,
     clear_overrides,
+    declare_allowed_code,
     declare_overrides,
     declare_parameters,
     declare_physics_again,
@@ -39,13 +41,9 @@ from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
 from softsim_ros.simulator.pulls import Pulls
 from softsim_ros.simulator.scene_files import SceneFiles
-from softsim_ros.simulator.snapshot_file import read_snapshot, write_snapshot
 from softsim_ros.simulator.stage_statistics import stage_statistics
 
 NODE_NAME = "simulator"
-WARNING_PERIOD_S = 1.0
-"""Warnings about refused commands come at most this often, in [s]."""
-
 WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
@@ -66,6 +64,7 @@ class Simulator(RobotNode):
     def _begin(self, robot: RobotDescription) -> None:
         self._files = SceneFiles(robot)
         self._files.overrides = declare_overrides(self)
+        self._scenes = SceneCatalog(self.named, declare_allowed_code(self))
         if self._files.overrides:
             robot = self._files.load()
         start = declare_parameters(self, robot, self.robot)
@@ -82,11 +81,12 @@ class Simulator(RobotNode):
             publish_clock=start.publish_clock,
             marker_stress=start.marker_stress,
             overrides=self._files.overrides,
+            scenes=self._scenes.names(),
         )
         self._physics = PhysicsThread(
             simulation,
             self._publications.publish,
-            self._warn_refused,
+            self.refuse,
             self.get_logger().error,
             self.get_logger().get_child("scene").info,
             start.speed,
@@ -96,8 +96,8 @@ class Simulator(RobotNode):
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
-        self._pulls = Pulls(self, self._physics, self._warn_refused)
-        self._base_targets = BaseTargets(self, self._physics, self._warn_refused)
+        self._pulls = Pulls(self, self._physics, self.refuse)
+        self._base_targets = BaseTargets(self, self._physics, self.refuse)
         for name, action in (
             ("reset", self._reset),
             ("step", self._step),
@@ -157,24 +157,20 @@ class Simulator(RobotNode):
         try:
             self.physics.command(position_command(message, self.joint_names))
         except CommandError as error:
-            self._warn_refused(str(error))
+            self.refuse(str(error))
 
     def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
         try:
             self.physics.command(trajectory_command(message, self.joint_names))
         except CommandError as error:
-            self._warn_refused(str(error))
+            self.refuse(str(error))
 
     def _on_key(self, message: String) -> None:
         """A key for the functions that the scene itself hung on keys."""
         try:
             self.physics.press_key(message.data)
         except Exception as error:  # a scene's own code may raise anything; the node must live on
-            self._warn_refused(f"key {message.data!r}: {error}")
-
-    def _warn_refused(self, sentence: str) -> None:
-        if self.context.ok():
-            self.get_logger().warning(sentence, throttle_duration_sec=WARNING_PERIOD_S)
+            self.refuse(f"key {message.data!r}: {error}")
 
     # --- services -------------------------------------------------------------------------------------
 
@@ -188,16 +184,14 @@ class Simulator(RobotNode):
         return f"step {self.physics.status.steps} done"
 
     def _save(self) -> str:
-        file = self._snapshot_file()
         data = self.physics.call(lambda simulation: simulation.snapshot(), shows=False)
-        write_snapshot(file, data)
-        return f"saved to {file}"
+        return f"saved to {self._start_parameters.snapshots.write(self._snapshot_name(), data)}"
 
     def _load(self) -> str:
-        file = self._snapshot_file()
-        self.physics.restore(read_snapshot(file))
+        snapshots, name = self._start_parameters.snapshots, self._snapshot_name()
+        self.physics.restore(snapshots.read(name))
         self._take_over_tuning()
-        return f"loaded from {file}"
+        return f"loaded from {snapshots.file(name)}"
 
     def _start(self) -> str:
         self.physics.play_start()
@@ -211,8 +205,8 @@ class Simulator(RobotNode):
         response.success, response.message = _attempt(pause)
         return response
 
-    def _snapshot_file(self) -> Path:
-        return Path(str(self.get_parameter("snapshot_file").value)).expanduser()
+    def _snapshot_name(self) -> str:
+        return str(self.get_parameter("snapshot").value)
 
     # --- another scene --------------------------------------------------------------------------------
 
@@ -240,7 +234,8 @@ class Simulator(RobotNode):
             raise SoftSimError(sentence) from error
         finally:
             self._applies_parameters = True
-        show = partial(self._publications.show_scene, overrides=self._files.overrides)
+        laid, known = self._files.overrides, self._scenes.names()
+        show = partial(self._publications.show_scene, overrides=laid, scenes=known)
         self.physics.replace(simulation, show)
         self._start_parameters, self.joint_names = after, simulation.joint_names
         return f"loaded {scene.source}"
@@ -248,7 +243,7 @@ class Simulator(RobotNode):
     def _change_scene(self, robot: str) -> None:
         """Go on with another robot or scene, in the same namespace; a wrong name or file changes nothing."""
         before = self._files
-        self._files = SceneFiles(load_scene(robot))
+        self._files = SceneFiles(self._scenes.load(robot))
         try:
             self._reload()
         except SoftSimError:
@@ -258,14 +253,12 @@ class Simulator(RobotNode):
 
     def _apply_overrides(self, overrides: str) -> None:
         """Begin the scene anew with other values laid over its files; wrong ones change nothing."""
-        before = self._files.overrides
-        self._files.overrides = overrides
         try:
-            Simulation(self._files.load())  # what cannot be built must not stop what runs
+            Simulation(self._files.try_overrides(overrides))  # what cannot be built must not stop what runs
         except Exception as error:
-            self._files.overrides = before
             reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
             raise SoftSimError(f"overrides refused: {reason}") from error
+        self._files.overrides = overrides
         self._reload()
 
     # --- parameters -----------------------------------------------------------------------------------
@@ -302,6 +295,8 @@ class Simulator(RobotNode):
             self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
         elif name == "robot":
             self._change_scene(str(value))
+        elif name == "snapshot":
+            self._start_parameters.snapshots.file(str(value))
         elif name == "overrides":
             self._apply_overrides(str(value))
         elif name == "enforce_limits":
@@ -309,8 +304,8 @@ class Simulator(RobotNode):
                 lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False
             )
         elif name == "speed":
-            self.physics.set_speed(float(value))
-            self._speed = float(value)
+            self._speed = checked_speed(float(value))
+            self.physics.set_speed(self._speed)
         elif name == "mesh_rate":
             self._publications.mesh_rate = float(value)
         elif name == "marker_stress":

@@ -9,6 +9,8 @@ Topics: `scene/structure` (std_msgs/String, latched) is a JSON object, see `stru
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
 
 from softsim_core.mechanics.model import FIXED
+from softsim_core.scene.location import places_of
+from softsim_core.scene.portable import write_description
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
 from softsim_ros.simulator.pacing import RateGate
@@ -42,12 +46,15 @@ class StructurePublications:
         self._tetrahedra = node.create_publisher(UInt32MultiArray, "mesh/tetrahedra", LATCHED)
         self._nodes = node.create_publisher(PointCloud2, "mesh/nodes", 1)
         self._frames = node.create_publisher(PoseArray, "frames", 1)
+        self._generation = 0
         self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
 
-    def show_scene(self, simulation: Simulation, overrides: str = "") -> None:
-        """Send what does not move, of a scene with `overrides` laid over its file."""
+    def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
+        """Send what does not move, of a scene with `overrides` laid over its file, and names of others."""
+        self._generation = max(self._generation + 1, time.time_ns())
+        told = structure(simulation, overrides, scenes, self._generation)
         self._tetrahedra.publish(index_array(simulation.tets))
-        self._structure.publish(String(data=json.dumps(structure(simulation, overrides))))
+        self._structure.publish(String(data=json.dumps(told)))
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
         """Send what is due; `now` is a steady clock in [s], `whole` asks for everything at once."""
@@ -59,12 +66,16 @@ class StructurePublications:
             self._nodes.publish(messages.point_cloud(stamp, "world", simulation.positions, stress))
 
 
-def structure(simulation: Simulation, overrides: str = "") -> dict[str, Any]:
-    """The parts of a scene as plain values.
+def structure(
+    simulation: Simulation, overrides: str = "", scenes: Sequence[str] = (), generation: int = 0
+) -> dict[str, Any]:
+    """The parts of a scene as plain values: all that a program needs which draws it, without its files.
 
     Returns:
-        `name`; `source`, its file or null; `overrides`, YAML text of what is laid over the file; `dt` in
-        [s]; `frames`, names in the order of the topic `frames`;
+        `generation`, a number that grows with every scene, across restarts too; `name`; `description`, the
+        scene as YAML text with every value; `overrides`, YAML text of what is laid over its file; `scenes`,
+        names of those that the parameter `robot` takes; `places`, file and line of each part, by its steps
+        such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
         rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`.
@@ -92,9 +103,12 @@ def structure(simulation: Simulation, overrides: str = "") -> dict[str, Any]:
     if len(held):
         zones.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
     return {
+        "generation": generation,
         "name": scene.name,
-        "source": None if source is None else str(source),
+        "description": write_description(simulation.robot),
         "overrides": overrides,
+        "scenes": list(scenes),
+        "places": {} if source is None else places_of(source),
         "dt": simulation.dt,
         "frames": list(simulation.frames()),
         "bodies": bodies,

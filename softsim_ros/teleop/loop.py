@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 
 from rclpy.executors import Executor, TimeoutException
 
+from softsim_ros.runtime import outliving
 from softsim_ros.teleop.decoder import KeyDecoder, KeyPress
 from softsim_ros.teleop.display import View, frame, render
 from softsim_ros.teleop.terminal import RawTerminal
@@ -97,6 +98,7 @@ def ready_callbacks(executor: Executor) -> None:
             handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
         except TimeoutException:
             return
-        handler()
-        if (error := handler.exception()) is not None:
-            raise error
+        with outliving(executor):
+            handler()
+            if (error := handler.exception()) is not None:
+                raise error

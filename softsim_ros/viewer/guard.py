@@ -1,9 +1,10 @@
-"""A viser server that only its own page may talk to: bound to loopback, or behind a token.
+"""A viser server that only its own page may talk to: behind a token, and only as a page talks.
 
 By itself viser listens on every interface, accepts any Origin and Host, moves on to another port when one
-is busy, and opens a public tunnel when a page asks for it. Here every request and every WebSocket handshake
-passes `AccessRule` first, and the tunnel is closed. The seam is `websockets.asyncio.server.serve`, which
-viser calls once; if it no longer does, nothing is served.
+is busy, opens a public tunnel when a page asks for it, and believes whatever a page sends. Here every request
+and every WebSocket handshake passes `AccessRule` first, every message `PageFilter`, and the tunnel is closed.
+The seam is `websockets.asyncio.server.serve`, which viser calls once; if it no longer does, nothing is
+served.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import hmac
 import http
 import io
 import ipaddress
+import logging
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -29,8 +31,18 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from softsim_core.errors import SoftSimError
+from softsim_ros.viewer.page_filter import MOST_BYTES, FilteredConnection, PageFilter
 
 COOKIE: Final = "softsim_viewer"
+"""How the name of the cookie begins; the port follows, since browsers keep one jar for all ports."""
+
+MOST_CONNECTIONS: Final = 100
+"""So many connections may be open at once; a further one is closed unheard."""
+
+HANDSHAKE_WITHIN_S: Final = 5.0
+"""A connection that has not said by then what it wants is closed, in [s]."""
+
+ANYWHERE: Final = ("0.0.0.0", "::")
 
 CONTENT_POLICY: Final = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
@@ -66,9 +78,14 @@ class AccessRule:
     @property
     def address(self) -> str:
         """What a person opens in a browser of this machine."""
-        anywhere = self.host in ("0.0.0.0", "::")
+        anywhere = self.host in ANYWHERE
         host = socket.gethostname() if anywhere else f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie that keeps the token."""
+        return f"{COOKIE}_{self.port}"
 
     def refusal(self, request: Request) -> tuple[http.HTTPStatus, str] | None:
         """Status and sentence for a request that is not allowed, or None."""
@@ -92,12 +109,13 @@ class AccessRule:
         for line in request.headers.get_all("Cookie"):
             with contextlib.suppress(CookieError):
                 cookies.load(line)
-        return COOKIE in cookies and _equal(cookies[COOKIE].value, self.token)
+        return self.cookie in cookies and _equal(cookies[self.cookie].value, self.token)
 
     def _is_own_host(self, host: str) -> bool:
-        if self.token is not None:  # any name may lead here; the token tells friend from foe
+        if not is_loopback(self.host):  # any name may lead here; the token tells friend from foe
             return True
-        return host.lower() in {f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")}
+        own = f"[{self.host}]" if ":" in self.host else self.host
+        return host.lower() in {f"{name}:{self.port}" for name in (own, "127.0.0.1", "localhost", "[::1]")}
 
 
 def _equal(given: str, wanted: str) -> bool:
@@ -136,7 +154,8 @@ class GuardedServer(viser.ViserServer):
         _check_free(rule)
         os.environ.pop("_VISER_PORT_OVERRIDE", None)
         guarded: list[bool] = []
-        with _guarding(rule, guarded), contextlib.redirect_stdout(io.StringIO()):
+        page_filter = PageFilter(self._controls)
+        with _guarding(rule, page_filter, guarded), contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host=rule.host, port=rule.port, label=label, verbose=False)
         if not guarded or self.get_port() != rule.port:
             self.stop()
@@ -145,6 +164,11 @@ class GuardedServer(viser.ViserServer):
                 if guarded
                 else "viewer: this version of viser cannot be guarded; install the pinned one"
             )
+
+    def _controls(self) -> dict[str, Any]:
+        """Viser's handles of the controls that are on the page now."""
+        gui = getattr(self, "gui", None)
+        return {} if gui is None else gui._gui_input_handle_from_uuid
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """No tunnel to the outside, whoever asks."""
@@ -177,15 +201,22 @@ def _busy(rule: AccessRule) -> str:
 
 
 @contextlib.contextmanager
-def _guarding(rule: AccessRule, guarded: list[bool]) -> Iterator[None]:
-    """Put the rule before whatever is served meanwhile; `guarded` then is not empty."""
+def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) -> Iterator[None]:
+    """Put rule and filter before whatever is served meanwhile; `guarded` then is not empty."""
     serve = websockets.asyncio.server.serve
     page = _page()
 
     def guarded_serve(handler: Any, *args: Any, **options: Any) -> Any:
         guarded.append(True)
         options["process_request"] = _guard(rule, page, options.get("process_request"))
-        return serve(handler, *args, **options)
+        options["create_connection"] = _counted_connections()
+        options["open_timeout"], options["max_size"] = HANDSHAKE_WITHIN_S, MOST_BYTES
+        options["logger"] = _silent_logger()
+
+        async def filtered(connection: Any) -> None:
+            await handler(FilteredConnection(connection, page_filter))
+
+        return serve(filtered, *args, **options)
 
     module: Any = websockets.asyncio.server
     module.serve = guarded_serve
@@ -193,6 +224,36 @@ def _guarding(rule: AccessRule, guarded: list[bool]) -> Iterator[None]:
         yield
     finally:
         module.serve = serve
+
+
+def _silent_logger() -> logging.Logger:
+    """A logger that says nothing: what strangers send must not fill the terminal."""
+    logger = logging.getLogger("softsim_ros.viewer.websockets")
+    logger.disabled = True
+    return logger
+
+
+def _counted_connections() -> type[websockets.asyncio.server.ServerConnection]:
+    """Connections of which at most MOST_CONNECTIONS are open at once."""
+    live: set[object] = set()
+
+    class Counted(websockets.asyncio.server.ServerConnection):
+        """A connection that is closed unheard where too many are open."""
+
+        def connection_made(self, transport: Any) -> None:
+            """Take it, or close it."""
+            super().connection_made(transport)
+            if len(live) >= MOST_CONNECTIONS:
+                transport.abort()
+            else:
+                live.add(self)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            """Forget it."""
+            live.discard(self)
+            super().connection_lost(exc)
+
+    return Counted
 
 
 def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request], Response | None]:
@@ -206,7 +267,7 @@ def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request]
         if rule.has_token(request):
             answer = _response(http.HTTPStatus.SEE_OTHER, b"", "text/plain")
             answer.headers["Location"] = "/"
-            answer.headers["Set-Cookie"] = f"{COOKIE}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
+            answer.headers["Set-Cookie"] = f"{rule.cookie}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
             return answer
         if urlsplit(request.path).path in ("/", "/index.html"):
             answer = _response(http.HTTPStatus.OK, page, "text/html; charset=utf-8")

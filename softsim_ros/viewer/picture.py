@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
@@ -18,12 +17,15 @@ from std_msgs.msg import String, UInt32MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from softsim_core.arrays import Array
+from softsim_core.scene.location import Place, place_of
+from softsim_core.scene.overrides import Steps
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.messages import read_point_cloud
 from softsim_ros.teleop.state import EffectorPose
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
+from softsim_ros.viewer.scene_message import SceneMessage, read_scene_message
 from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
 from softsim_ros.viewer.surface import MM, Part
 
@@ -48,7 +50,7 @@ class Picture:
         node: The node whose executor delivers the messages.
         server: viser's server.
         inbox: Where the mouse's events go.
-        on_scene: Called with the structure of a scene that begins; it calls `build`.
+        on_scene: Called with the scene that begins; it calls `build`.
         on_goal: Called with a dragged goal, in [m].
         on_base: Called with a joint and where a person drags its base, in [mm].
         lite: Cheap light and no shadows, for machines without a graphics card.
@@ -68,7 +70,7 @@ class Picture:
         node: Node,
         server: Any,
         inbox: Inbox,
-        on_scene: Callable[[dict[str, Any]], None],
+        on_scene: Callable[[RobotDescription], None],
         on_goal: Callable[[EffectorPose], None],
         on_base: Callable[[str, Array], None],
         *,
@@ -78,7 +80,7 @@ class Picture:
         self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
         self._error = ""
         self._error_label: Any = None
-        self._structure: dict[str, Any] = {}
+        self._scene: SceneMessage | None = None
         self._seen = ""
         self._begun: tuple[str, ViewSettings] | None = None
         self._rigid: MarkerArray | None = None
@@ -110,7 +112,7 @@ class Picture:
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view
             self._seen = ""
-        frames = list(self._structure.get("frames", ()))
+        frames = [] if self._scene is None else list(self._scene.frames)
         self._error, self._error_label = "", None
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
         self.base = BaseHandle(self._server.scene, self._inbox, self._on_base)
@@ -120,7 +122,16 @@ class Picture:
     @property
     def overrides(self) -> str:
         """What is laid over the scene's file, as YAML text."""
-        return str(self._structure.get("overrides", ""))
+        return "" if self._scene is None else self._scene.overrides
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes that the simulator can load; empty while it has not told."""
+        return () if self._scene is None else self._scene.scenes
+
+    def place(self, steps: Steps) -> Place | None:
+        """File and line where a part of the scene is written; None: the simulator has not told."""
+        return None if self._scene is None else place_of(self._scene.places, steps)
 
     def show_known(self) -> None:
         """Draw what has come already: it may have come before the structure did."""
@@ -129,8 +140,10 @@ class Picture:
             self.stage.show_rigid(self._rigid)
 
     def _on_structure(self, message: String) -> None:
-        self._structure = json.loads(message.data)
-        self._on_scene(self._structure)
+        told = read_scene_message(message.data)
+        if self._scene is None or told.generation != self._scene.generation:
+            self._scene = told
+            self._on_scene(told.robot)
 
     def _on_topology(self, message: Mesh) -> None:
         self._topology = message
@@ -146,13 +159,14 @@ class Picture:
 
     def _show_surface(self) -> None:
         """Draw the bodies once surface and structure are those of one scene."""
-        structure, message = self._structure, self._topology
-        if message is None or not structure:
+        told, message = self._scene, self._topology
+        if message is None or told is None:
             return
         points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
         triangles = np.array([t.vertex_indices for t in message.triangles], np.int64).reshape(-1, 3)
-        bodies = structure["bodies"]
-        if sum(b["points"][1] - b["points"][0] for b in bodies) != len(points):
+        bodies = told.bodies
+        count = sum(body["points"][1] - body["points"][0] for body in bodies)
+        if count != len(points) or int(triangles.max(initial=-1)) >= count:
             return  # the other half of the new scene has not come yet
         parts = [
             Part(
@@ -165,9 +179,9 @@ class Picture:
         ]
         with self._server.atomic():
             self.stage.surface.show(parts, (points * MM).astype(np.float32))
-            self.stage.inner.set_structure(self._tetrahedra, structure["bodies"], structure["zones"])
-        if self._seen != structure["name"]:  # the same scene loaded anew keeps the view
-            self._seen = structure["name"]
+            self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.zones)
+        if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
+            self._seen = told.robot.name
             self.reset_view()
 
     # --- what moves -----------------------------------------------------------------------------------
@@ -192,7 +206,7 @@ class Picture:
                 self.stage.draw_rope()
         frames, self._frames = self._frames, None
         if frames is not None:
-            poses, names = _pose_rows(frames), self._structure.get("frames", ())
+            poses, names = _pose_rows(frames), () if self._scene is None else self._scene.frames
             self.stage.inner.move_frames(poses)
             if self.base.joint in names and len(poses) == len(names):
                 self.base.follow(poses[names.index(self.base.joint), :3])

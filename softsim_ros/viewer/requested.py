@@ -22,7 +22,8 @@ class ViewerSettings:
     Attributes:
         host: IP address that is listened on; 127.0.0.1 is this machine only.
         port: TCP port.
-        token: Secret for use from the network; empty: one is made where it is needed.
+        token: Secret that browsers bring; empty: one is made at each start.
+        no_token: Ask for no secret: every account of this machine may use the page.
         lite: Cheap light, for browsers without a graphics card.
         parent: Process number of the program that started the viewer: it ends with it; 0: on its own.
     """
@@ -30,6 +31,7 @@ class ViewerSettings:
     host: str = "127.0.0.1"
     port: int = DEFAULT_PORT
     token: str = ""
+    no_token: bool = False
     lite: bool = False
     parent: int = 0
 
@@ -40,13 +42,16 @@ class ViewerSettings:
             ParameterError: a value given at start is not allowed.
         """
         host = declare_text(node, "host", self.host, "IP address to listen on; 127.0.0.1: this machine only")
-        token = declare_text(node, "token", self.token, "secret that browsers bring; empty: made when needed")
+        token = declare_text(node, "token", self.token, "secret that browsers bring; empty: a new one")
+        open_to_all = declare_switch(
+            node, "no_token", self.no_token, "no secret: every account here may use the page", read_only=True
+        )
         lite = declare_switch(node, "lite", self.lite, "cheap light and no shadows", read_only=True)
         port = _declare_count(node, "port", self.port, "TCP port of the page", 1, 65535)
         parent = _declare_count(
             node, "parent", self.parent, "ends with this process; 0: on its own", 0, 2**31
         )
-        return ViewerSettings(host, port, token, lite, parent)
+        return ViewerSettings(host, port, token, open_to_all, lite, parent)
 
 
 def _declare_count(node: Node, name: str, default: int, description: str, lower: int, upper: int) -> int:
@@ -66,5 +71,5 @@ def _declare_count(node: Node, name: str, default: int, description: str, lower:
 def requested_settings() -> tuple[str, ViewerSettings]:
     """The robot and the settings given to this process."""
     with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
-        robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
+        robot = declare_text(probe, "robot", DEFAULT_ROBOT, "name of the robot, which is its namespace")
         return robot, ViewerSettings().declare(probe)

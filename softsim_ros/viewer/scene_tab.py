@@ -6,8 +6,6 @@ import html
 from typing import Any
 from urllib.parse import quote
 
-from softsim_core.scene.files import known_scenes
-from softsim_core.scene.location import locate
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox
@@ -44,7 +42,7 @@ class SceneTab:
         for handle in self._content:
             handle.remove()
         gui, viewer = self._gui, self._viewer
-        self._parts, self._source = parts_of(robot), robot.source
+        self._parts = parts_of(robot)
         with self._folder:
             self._content = self._chooser()
             self._panel = PartPanel(gui, self._inbox, viewer.apply_overrides, viewer.set_status)
@@ -61,7 +59,7 @@ class SceneTab:
 
     def _chooser(self) -> list[Any]:
         """A list of all robots and scenes."""
-        known, name = tuple(known_scenes()), self._viewer.scene_name
+        known, name = self._viewer.picture.scenes, self._viewer.scene_name
         if not known:
             return []
         chooser = self._gui.add_dropdown(
@@ -91,11 +89,12 @@ class SceneTab:
 
     def _source_text(self, part: Part) -> str:
         """Where a part is written; on this machine with a link that opens an editor there."""
-        if self._source is None:
+        found = self._viewer.picture.place(part.steps or ())
+        if found is None:
             return ""
-        file, line = locate(self._source, part.steps or ())
+        file, line = found
         place = f"From <code style='word-break:break-all'>{html.escape(f'{file}:{line}')}</code>"
         if not self._viewer.is_local:
             return place
-        link = html.escape(f"vscode://file{quote(str(file))}:{line}")
+        link = html.escape(f"vscode://file{quote(file)}:{line}")
         return f'{place} <a href="{link}">open in VS Code</a>'

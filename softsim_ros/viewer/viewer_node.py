@@ -16,14 +16,15 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
 from softsim_core.errors import SoftSimError
-from softsim_core.scene import load_scene
-from softsim_core.scene.overrides import read_overrides
+from softsim_core.scene import known_scenes, load_yaml
+from softsim_core.scene.catalog import shortened
+from softsim_core.scene.portable import without_contents
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.runtime import run_node
 from softsim_ros.teleop.loop import ready_callbacks
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
-from softsim_ros.viewer.guard import AccessRule, GuardedServer, is_loopback
+from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
 from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.picture import Picture
@@ -53,7 +54,7 @@ class Viewer(PageNode):
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
         self._settings = settings = settings.declare(self)
-        token = settings.token or (None if is_loopback(settings.host) else secrets.token_urlsafe(18))
+        token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._inbox = Inbox()
@@ -107,14 +108,9 @@ class Viewer(PageNode):
         self.parameters.names = self.controls.tune.names
         self.picture.show_known()
 
-    def _on_scene(self, structure: dict[str, Any]) -> None:
-        """Another scene: its description is read anew from its file, and the page is made anew."""
-        source = structure.get("source")
-        if source is not None:
-            try:
-                self.robot = load_scene(source, read_overrides(self.picture.overrides))
-            except SoftSimError as error:
-                self.set_status(str(error))
+    def _on_scene(self, robot: RobotDescription) -> None:
+        """Another scene, as the simulator tells it: the page is made anew."""
+        self.robot = robot
         self.scene_name = self.robot.name
         self._joint_order = ((), None)
         self.efforts = ()
@@ -134,21 +130,27 @@ class Viewer(PageNode):
         stage = self.picture.stage
         stage.now = now
         for action in self._inbox.take():
-            action()
-        with self._server.atomic():
+            with self.refusing("action on the page"):
+                action()
+        with self._server.atomic(), self.refusing("picture"):
             self.picture.draw(now)
         if now >= self._next_tick:
             self._next_tick = now + TICK_PERIOD_S
-            self.tick(now)
-            goal = (self.goal or self.state.effector) if self.state.inverse else None
-            stage.show_goal(goal, now)
-            with self._server.atomic():
-                self.picture.show_error(self.diagnostics.scene_error)
-                self.controls.refresh()
+            with self._server.atomic(), self.refusing("state"):
+                self._show_state(now)
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
-            self.controls.plots.add(now - self._started_at)
-        self.send_pull(stage.pull, stage.surface.points, now)
+            with self.refusing("plot"):
+                self.controls.plots.add(now - self._started_at)
+        with self.refusing("pull"):
+            self.send_pull(stage.pull, stage.surface.points, now)
+
+    def _show_state(self, now: float) -> None:
+        self.tick(now)
+        goal = (self.goal or self.state.effector) if self.state.inverse else None
+        self.picture.stage.show_goal(goal, now)
+        self.picture.show_error(self.diagnostics.scene_error)
+        self.controls.refresh()
 
 
 def serve(node: Viewer) -> None:
@@ -168,10 +170,28 @@ def serve(node: Viewer) -> None:
         executor.shutdown(timeout_sec=0)
 
 
+def robot_by_name(name: str) -> RobotDescription:
+    """What is shown until the simulator tells: the robot of a known YAML file, else nothing but its name.
+
+    Raises:
+        ViewerError: the name cannot be a robot's.
+    """
+    file = known_scenes().get(name)
+    if file is not None and file.suffix != ".py":
+        return load_yaml(file)
+    try:
+        return without_contents(name)
+    except SoftSimError as error:
+        raise ViewerError(
+            f"viewer: robot {shortened(name)!r} is no robot's name; give the name of the robot that runs, "
+            "which is its namespace, such as tripod (the viewer reads no files)"
+        ) from error
+
+
 def announced_viewer() -> Viewer:
     """The viewer that this process's parameters ask for; its address goes to standard output."""
     robot, settings = requested_settings()
-    node = Viewer(load_scene(robot), settings)
+    node = Viewer(robot_by_name(robot), settings)
     sys.stdout.write(f"viewer: {node.address}\n")
     sys.stdout.flush()
     return node

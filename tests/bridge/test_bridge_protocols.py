@@ -86,9 +86,7 @@ def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     assert client.state() == "active"
 
 
-<<<<<<< HEAD
 @pytest.mark.slow
-=======
 def test_a_board_that_hears_nothing_is_an_error_although_its_telemetry_lives(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
@@ -118,7 +116,7 @@ def test_a_board_that_hears_nothing_is_an_error_although_its_telemetry_lives(
     assert board.open_count == 1
 
 
->>>>>>> helper/stop
+@pytest.mark.slow
 def test_a_demanded_protocol_that_is_absent_is_a_sentence(
     start_bridge: Starter, client: Any, tmp_path: Path
 ) -> None:

@@ -23,6 +23,7 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from softsim_core.errors import ConfigError  # noqa: E402
+from softsim_core.inverse.path_files import find_path  # noqa: E402
 from softsim_ros.inverse.path_follower_node import PathFollower  # noqa: E402
 from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
 from softsim_ros.messages.diagnostics import OK, diagnostic_values  # noqa: E402
@@ -238,6 +239,11 @@ def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
     result = bench.follower.set_parameters([Parameter("file", value="nowhere.csv")])[0]
     assert not result.successful
     assert "known paths" in result.reason
+    for path in (str(find_path("circle")), "~nobody/x", 5000 * "a", "a" + chr(0)):
+        refused = bench.follower.set_parameters([Parameter("file", value=path)])[0]
+        assert not refused.successful
+        assert "at run time it is a name in configs/paths" in refused.reason
+        assert len(refused.reason) <= 300
     assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
     assert bench.start()[0]
 

@@ -66,7 +66,7 @@ def test_every_parameter_has_a_description_and_numbers_have_a_range(tripod: Any)
         "publish_clock",
         "enforce_limits",
         "young_modulus",
-        "snapshot_file",
+        "snapshot",
     ]
     answer = tripod.client.call(
         DescribeParameters, "simulator/describe_parameters", DescribeParameters.Request(names=names)

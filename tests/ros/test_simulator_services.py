@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -116,20 +117,20 @@ def test_a_loaded_state_brings_its_material_along(paused: Any) -> None:
     assert paused.get_parameter("young_modulus") == 100.0e3
 
 
-def test_what_is_no_snapshot_is_refused(paused: Any, tmp_path: Any) -> None:
-    assert paused.set_parameters(snapshot_file=str(tmp_path / "none"))[0]
-    assert paused.trigger("load") == (False, f"snapshot {tmp_path / 'none'} does not exist; save one first")
-    file = tmp_path / "other"
-    file.write_bytes(b"not a snapshot")
-    assert paused.set_parameters(snapshot_file=str(file))[0]
+def test_what_is_no_snapshot_is_refused(paused: Any) -> None:
+    folder = Path(paused.get_parameter("snapshot_folder"))
+    assert paused.set_parameters(snapshot="none")[0]
+    assert paused.trigger("load") == (
+        False,
+        f"snapshot {folder / 'none.snapshot'} does not exist; save one first",
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "other.snapshot").write_bytes(b"not a snapshot")
+    assert paused.set_parameters(snapshot="other")[0]
     success, sentence = paused.trigger("load")
     assert not success
     assert "snapshot" in sentence
-    assert paused.set_parameters(snapshot_file="/proc/none/robot")[0]
-    success, sentence = paused.trigger("save")
-    assert not success
-    assert "not written" in sentence
-    assert paused.set_parameters(snapshot_file=str(tmp_path / "tripod"))[0]
+    assert paused.set_parameters(snapshot="tripod")[0]
 
 
 def test_start_plays_the_start_animation(tripod: Any, spin_until: Any) -> None:

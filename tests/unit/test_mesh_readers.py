@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import meshio
@@ -297,3 +299,62 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, box: TetMesh) 
     written(tmp_path, "file", "x")
     with pytest.raises(MeshError, match="cannot be written"):
         write_tets(tmp_path / "file" / "mesh.vtk", box)
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 0 1 2
+3 0 2 3
+"""
+
+
+@pytest.mark.parametrize(
+    ("found", "put"),
+    [
+        ("3 0 1 2\n3 0 2 3\n", "2 0 1\n2 1 2\n"),
+        ("3 0 1 2\n3 0 2 3\n", "1 0\n1 1\n"),
+        ("3 0 2 3\n", "3 0 2 77\n"),
+        ("end_header\n", ""),
+        ("element face 2", "element face 2000000"),
+        ("uchar int", "x y"),
+    ],
+)
+def test_a_damaged_ply_is_one_error(tmp_path: Path, found: str, put: str) -> None:
+    file = tmp_path / "a.ply"
+    file.write_text(PLY)
+    assert len(read_surface(file).triangles) == 2
+    assert found in PLY
+    file.write_text(PLY.replace(found, put))
+    with pytest.raises(MeshError) as caught:
+        read_surface(file)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".obj", ".gidmsh"])
+def test_random_damage_is_a_mesh_error_or_none(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(9)
+    file = tmp_path / f"a{suffix}"
+    if suffix == ".gidmsh":
+        file.write_text(GID)
+    else:
+        write_surface(file, boundary_surface(box_mesh((1.0, 1.0, 1.0), (1, 1, 1))))
+    whole = file.read_bytes()
+    for number in range(60):
+        broken = bytearray(whole)
+        for place in rng.integers(0, len(broken), 1 + number % 6):
+            broken[int(place)] = broken[int(rng.integers(len(broken)))]
+        file.write_bytes(broken if number % 4 else broken[: int(rng.integers(len(broken)))])
+        with suppress(MeshError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read_surface(file)

@@ -23,6 +23,7 @@ from softsim_core.scene.description import (
     SolverSettings,
 )
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.structure import structure_scene, unstructure_scene
 from softsim_core.scene.view import ViewSettings
@@ -421,3 +422,29 @@ def test_any_wrong_value_is_a_config_error_or_a_scene(value: Any, data: st.DataO
     except ConfigError as error:
         if error.file != "fuzz" or not error.key.startswith(key):
             raise
+
+
+def test_aliases_count_as_all_they_stand_for() -> None:
+    bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+        f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]\n" for k in range(1, 10)
+    )
+    assert len(bomb) < 700
+    with pytest.raises(ConfigError, match="holds more than 200000 values"):
+        read_overrides(bomb)
+    merges = "a0: &a0 {x: 1, y: 2}\n" + "".join(
+        f"a{k}: &a{k} {{p: *a{k - 1}, q: *a{k - 1}}}\n" for k in range(1, 20)
+    )
+    with pytest.raises(ConfigError, match="holds more than 200000 values"):
+        read_overrides(merges)
+    assert read_overrides("a: &a [1, 2]\nb: [*a, *a]\n") == {"a": [1, 2], "b": [[1, 2], [1, 2]]}
+
+
+@pytest.mark.parametrize("text", ["a: " + 20_000 * "[", "a: " + 20_000 * "{a: ", "- " * 20_000])
+def test_deep_nesting_is_refused_in_a_sentence(text: str) -> None:
+    with pytest.raises(ConfigError):
+        read_overrides(text)
+
+
+def test_endless_text_is_refused_before_it_is_parsed() -> None:
+    with pytest.raises(ConfigError, match="is longer than 4000000 characters"):
+        read_overrides("#" * 4_000_001)

@@ -11,6 +11,7 @@ from softsim_core.dynamics import Backend
 from softsim_core.errors import (
     SnapshotError,
 )
+from softsim_core.mechanics.snapshot import pack
 from softsim_core.mesh import box_mesh
 
 A = -1.4965
@@ -95,6 +96,26 @@ def test_snapshots_of_other_scenes_and_foreign_bytes_are_refused() -> None:
     for data in (before[:-1], before[: len(before) // 2], before + b"\0"):
         with pytest.raises(SnapshotError, match="damaged or cut short"):
             sim.restore(data)
+    assert sim.snapshot() == before
+
+
+def test_values_that_cannot_be_are_refused_behind_a_right_checksum() -> None:
+    sim = Simulation(machine(), backend="scipy")
+    sim.step()
+    before = sim.snapshot()
+    whole = sim._saved()
+    for name, value in (
+        ("parameters.materials", 0.0),
+        ("parameters.rayleigh_mass", -1.0),
+        ("steps", 0.5),
+        ("state.frame_rotations", 0.0),
+    ):
+        foreign = {**whole, name: np.full_like(whole[name], value)}
+        with pytest.raises(SnapshotError, match="save a new one"):
+            sim.restore(pack(sim._fingerprint, foreign))
+        assert sim.snapshot() == before, name
+    with pytest.raises(SnapshotError):
+        sim.restore(pack(sim._fingerprint, {name: np.zeros_like(each) for name, each in whole.items()}))
     assert sim.snapshot() == before
 
 

@@ -1,8 +1,7 @@
-"""What a seam hides stays hidden: no other folder names it; and calls stay short."""
+"""What the seam of elements and materials hides stays hidden: no other folder names it."""
 
 from __future__ import annotations
 
-import ast
 import re
 from pathlib import Path
 
@@ -34,19 +33,4 @@ def test_no_other_file_names_an_element_or_lame_parameters() -> None:
         for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
             if WORDS.search(line):
                 found.append(f"{name}:{number} {line.strip()}")
-    assert found == []
-
-
-def test_no_function_takes_more_than_eight_arguments() -> None:
-    """But compiled kernels, which take named groups of arrays beside numbers."""
-    found = []
-    for file in sorted(CORE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.FunctionDef):
-                continue
-            taken = [each.arg for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
-            taken = [each for each in taken if each not in ("self", "cls")]
-            decorators = {ast.unparse(each) for each in node.decorator_list}
-            if len(taken) > 8 and not decorators & {"kernel", "intrinsic"}:
-                found.append(f"{file.relative_to(CORE)}:{node.lineno} {node.name}: {len(taken)}")
     assert found == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -68,15 +69,21 @@ def start_station(
             patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
             process = start_process("softsim_ros.cli", *words)
         assert process.says("open http", BUILD_DEADLINE_S), process.output
-        return Robot(process, client), f"http://127.0.0.1:{port}/"
+        return Robot(process, client), re.findall(r"open (http://\S+)", process.output)[0]
 
     return start
 
 
 @pytest.fixture(scope="module")
-def station(start_station: Callable[..., tuple[Any, str]]) -> tuple[Any, str]:
+def allowed_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder whose Python scenes the station may load while it runs."""
+    return tmp_path_factory.mktemp("allowed_code")
+
+
+@pytest.fixture(scope="module")
+def station(start_station: Callable[..., tuple[Any, str]], allowed_code: Path) -> tuple[Any, str]:
     """The Tripod with everything: simulator, bridge on a virtual board, inverse control, page."""
-    return start_station("tripod", "--inverse")
+    return start_station("tripod", "--inverse", "--allow-code", str(allowed_code))
 
 
 @pytest.fixture(scope="module")

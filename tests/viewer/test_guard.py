@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.http11 import Request
 
-from softsim_ros.viewer.guard import COOKIE, AccessRule, GuardedServer, ViewerError, is_loopback
+from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
 
 LOCAL = AccessRule("127.0.0.1", 8080)
 OPEN = AccessRule("0.0.0.0", 8080, "secret")
@@ -55,11 +55,29 @@ def test_the_network_needs_the_token_or_the_cookie() -> None:
     assert OPEN.refusal(request(Host="robot.lan:8080")) is not None
     assert OPEN.refusal(request("/?token=wrong", Host="robot.lan:8080")) is not None
     assert OPEN.refusal(request("/?token=secret", Host="robot.lan:8080")) is None
-    assert OPEN.refusal(request(Host="robot.lan:8080", Cookie=f"{COOKIE}=secret")) is None
-    assert OPEN.refusal(request(Host="robot.lan:8080", Cookie=f"{COOKIE}=secre")) is not None
-    with_origin = request(Host="robot.lan:8080", Cookie=f"{COOKIE}=secret", Origin="https://evil.example")
+    assert OPEN.refusal(request(Host="robot.lan:8080", Cookie=f"{OPEN.cookie}=secret")) is None
+    assert OPEN.refusal(request(Host="robot.lan:8080", Cookie=f"{OPEN.cookie}=secre")) is not None
+    with_origin = request(
+        Host="robot.lan:8080", Cookie=f"{OPEN.cookie}=secret", Origin="https://evil.example"
+    )
     assert OPEN.refusal(with_origin) is not None
     assert OPEN.address.endswith("/?token=secret")
+
+
+def test_this_machine_needs_the_token_too_and_its_own_name() -> None:
+    rule = AccessRule("127.0.0.1", 8080, "secret")
+    assert rule.refusal(request()) is not None
+    assert rule.refusal(request("/?token=secret")) is None
+    assert rule.refusal(request("/?token=secret", Host="evil.example:8080")) is not None
+    assert rule.refusal(request(Cookie="softsim_viewer_8080=secret")) is None
+    assert rule.refusal(request(Cookie="softsim_viewer_8081=secret")) is not None
+
+
+def test_every_address_of_this_machine_may_be_the_host() -> None:
+    for host in ("127.0.0.2", "::1"):
+        rule = AccessRule(host, 8080, "secret")
+        name = rule.address.removeprefix("http://").split("/")[0]
+        assert rule.refusal(request("/?token=secret", Host=name)) is None
 
 
 def test_a_host_is_an_address() -> None:

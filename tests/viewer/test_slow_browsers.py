@@ -80,7 +80,7 @@ def test_browsers_that_never_read_or_vanish_leave_the_robot_alone(
     reports = Reports(robot, spin_until)
     quiet = reports.during(300)
     port = free_port()
-    viewer = start_process(VIEWER, "--ros-args", "-p", f"port:={port}")
+    viewer = start_process(VIEWER, "--ros-args", "-p", f"port:={port}", "-p", "no_token:=true")
     assert viewer.says("viewer: http", 60.0), viewer.output
     silent = [connected(port) for _ in range(3)]
     for _ in range(5):

@@ -1,0 +1,125 @@
+"""Where snapshots of robots are kept: under names in one folder, whole or not at all, in ordinary files."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from softsim_core.errors import SnapshotError
+from softsim_core.scene.catalog import shortened
+
+MOST_BYTES: Final = 2**30
+"""A larger file is no snapshot."""
+
+SUFFIX: Final = ".snapshot"
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
+    """`softsim` under XDG_STATE_HOME, or under ~/.local/state where that is not set."""
+    state_home = environment.get("XDG_STATE_HOME") or str(
+        Path(environment.get("HOME", tempfile.gettempdir()), ".local", "state")
+    )
+    return Path(state_home) / "softsim"
+
+
+class SnapshotFolder:
+    """Snapshots by name in a folder: never through links, never over anything but an ordinary file.
+
+    Args:
+        folder: Made with the first snapshot.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def file(self, name: str) -> Path:
+        """The file of a snapshot.
+
+        Raises:
+            SnapshotError: the name is not allowed.
+        """
+        if not _NAME.fullmatch(name):
+            raise SnapshotError(
+                f"snapshot name {shortened(name)!r} is refused; allowed are at most 64 letters, digits, "
+                "'_', '-' and '.', beginning with a letter or digit"
+            )
+        return self._folder / f"{name}{SUFFIX}"
+
+    def write(self, name: str, data: bytes) -> Path:
+        """Write a snapshot whole or not at all; returns its file.
+
+        Raises:
+            SnapshotError: the name is not allowed, a link or a device is in its place, or the file cannot be
+                written; an older one is kept.
+        """
+        file = self.file(name)
+        aside = f".{file.name}.{secrets.token_hex(8)}"
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with self._opened() as folder:
+                with suppress(FileNotFoundError):
+                    _need_ordinary(file, os.stat(file.name, dir_fd=folder, follow_symlinks=False))
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+                try:
+                    with os.fdopen(os.open(aside, flags, 0o600, dir_fd=folder), "wb") as stream:
+                        stream.write(data)
+                        stream.flush()
+                        os.fsync(stream.fileno())
+                    os.replace(aside, file.name, src_dir_fd=folder, dst_dir_fd=folder)
+                except BaseException:
+                    with suppress(OSError):
+                        os.unlink(aside, dir_fd=folder)
+                    raise
+                os.fsync(folder)
+        except OSError as error:
+            raise SnapshotError(
+                f"snapshot {file} not written: {error.strerror}; start with another snapshot_folder"
+            ) from error
+        return file
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a snapshot.
+
+        Raises:
+            SnapshotError: the name is not allowed, there is none, it is no ordinary file, or it cannot be
+                read.
+        """
+        file = self.file(name)
+        try:
+            with self._opened() as folder:
+                _need_ordinary(file, os.stat(file.name, dir_fd=folder, follow_symlinks=False))
+                flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # what was put there since does not block
+                with os.fdopen(os.open(file.name, flags, dir_fd=folder), "rb") as stream:
+                    _need_ordinary(file, os.fstat(stream.fileno()))
+                    return stream.read(MOST_BYTES)
+        except FileNotFoundError as error:
+            raise SnapshotError(f"snapshot {file} does not exist; save one first") from error
+        except OSError as error:
+            raise SnapshotError(f"snapshot {file} not read: {error.strerror}") from error
+
+    @contextmanager
+    def _opened(self) -> Iterator[int]:
+        """Descriptor of the folder, for the `with` block."""
+        descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+
+def _need_ordinary(file: Path, status: os.stat_result) -> None:
+    """Refuse links, devices and folders, and files that are too large."""
+    if not stat.S_ISREG(status.st_mode):
+        raise SnapshotError(
+            f"snapshot {file} is a link, a device or a folder, not an ordinary file; remove it"
+        )
+    if status.st_size > MOST_BYTES:
+        raise SnapshotError(f"snapshot {file} is larger than {MOST_BYTES >> 20} MiB; remove it")

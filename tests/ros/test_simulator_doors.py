@@ -1,0 +1,175 @@
+"""What comes in over ROS is refused in a sentence, runs no code, touches no file, and stops nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from node_processes import Client, parameter_words
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+SENTENCE = 300
+CODE = """
+from pathlib import Path
+from softsim_core.robots.parts import tripod
+Path(__file__).with_suffix(".ran").touch()
+
+def create_scene(scene):
+    scene.name = "tripod"
+    scene.add(tripod())
+"""
+BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]\n" for k in range(1, 10)
+)
+
+
+@pytest.fixture
+def lives(tripod: Any, spin_until: Callable[..., bool]) -> Callable[[], bool]:
+    """Whether the simulator goes on stepping and telling."""
+    states = tripod.client.collect(JointState, "joint_states")
+
+    def look() -> bool:
+        seen = len(states)
+        return spin_until(lambda: len(states) > seen + 5) and tripod.process.process.poll() is None
+
+    return look
+
+
+def refused(simulator: Any, **values: Any) -> str:
+    """The sentence with which parameters are refused."""
+    before = {name: simulator.get_parameter(name) for name in values}
+    successful, reason = simulator.set_parameters(**values)
+    assert not successful
+    assert 0 < len(reason) <= SENTENCE
+    assert "\n" not in reason
+    assert {name: simulator.get_parameter(name) for name in values} == before
+    return str(reason)
+
+
+# --- scenes and files ----------------------------------------------------------------------------------
+
+
+def test_a_path_is_no_scene_and_its_code_does_not_run(tripod: Any, tmp_path: Path, lives: Any) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(CODE)
+    assert "no known scene has this name" in refused(tripod, robot=str(program))
+    assert not program.with_suffix(".ran").exists()
+    (tmp_path / "scene.yaml").write_text("name: tripod\n")
+    assert "no known scene has this name" in refused(tripod, robot=str(tmp_path / "scene.yaml"))
+    assert lives()
+
+
+def test_code_of_the_start_folder_runs_only_where_it_was_allowed(
+    start_robot: Any, tripod: Any, lives: Any
+) -> None:
+    folder = tripod.process.folder  # where these simulators were started
+    (folder / "found_here.py").write_text(CODE)
+    assert "is a Python scene, which runs code" in refused(tripod, robot="found_here")
+    assert not (folder / "found_here.ran").exists()
+    assert lives()
+
+
+def test_code_of_an_allowed_folder_runs(
+    start_process: Any, tripod: Any, ros_domain: int, tmp_path: Path
+) -> None:
+    (tmp_path / "welcome.py").write_text(CODE)
+    process = start_process(
+        "softsim_ros.simulator.simulator_node",
+        *("--ros-args", "-r", "__ns:=/trusting", *parameter_words(robot="held_centre", allow_code=tmp_path)),
+    )
+    assert process.says("simulating"), process.output
+    client = Client(ros_domain, "trusting")
+    try:
+        trusting = type(tripod)(process, client)
+        assert trusting.set_parameters(robot="welcome") == (True, "")
+        assert (tmp_path / "welcome.ran").exists()
+        assert "read-only" in trusting.set_parameters(allow_code="/")[1]
+    finally:
+        client.close()
+
+
+@pytest.mark.parametrize("name", ["~nobody/x", "a" * 5000, "../tripod", "", "x" + 300 * "/y"])
+def test_names_that_cannot_be_are_refused(tripod: Any, lives: Any, name: str) -> None:
+    refused(tripod, robot=name)
+    refused(tripod, snapshot=name)
+    assert lives()
+
+
+def test_a_snapshot_goes_nowhere_but_into_its_folder(tripod: Any, tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    for name in (str(precious), "/dev/null", "../precious"):
+        assert "snapshot name" in refused(tripod, snapshot=name)
+    folder = Path(tripod.get_parameter("snapshot_folder"))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "link.snapshot").symlink_to(precious)
+    assert tripod.set_parameters(snapshot="link") == (True, "")
+    for action in ("save", "load"):
+        successful, sentence = tripod.trigger(action)
+        assert not successful
+        assert "is a link, a device or a folder" in sentence
+    assert precious.read_text() == "mine"
+    assert tripod.set_parameters(snapshot="tripod") == (True, "")
+
+
+def test_overrides_are_bounded_and_name_no_other_file(tripod: Any, tmp_path: Path, lives: Any) -> None:
+    assert "more than 200000 values" in refused(tripod, overrides=BOMB)
+    assert "nested too deeply" in refused(tripod, overrides="a: " + 20_000 * "[")
+    mesh = tmp_path / "other.vtk"
+    mesh.write_text("not a mesh")
+    text = f"bodies: [{{name: silicone, mesh: {{file: {mesh}}}}}]"
+    assert "name other files than the scene does" in refused(tripod, overrides=text)
+    assert lives()
+
+
+# --- numbers and messages ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed", [1e-300, 5e-324, 1e-4, -1.0, float("nan"), float("inf")])
+def test_speeds_at_which_nothing_would_happen_are_refused(tripod: Any, lives: Any, speed: float) -> None:
+    refused(tripod, speed=speed)
+    assert lives()
+
+
+def test_messages_that_no_robot_means_are_refused_and_the_simulator_lives(tripod: Any, lives: Any) -> None:
+    client = tripod.client
+    wrench = WrenchStamped()
+    wrench.header.frame_id = "mesh_point/" + 5000 * "9"
+    client.publish("external_wrench", wrench)
+    assert tripod.warns("pull refused: no place 'mesh_point/999")
+    point = JointTrajectoryPoint(positions=[0.0] * 30_000, time_from_start=Duration(sec=1))
+    names = [f"joint_{k}" for k in range(30_000)]
+    client.publish("joint_trajectory", JointTrajectory(joint_names=names, points=[point]))
+    assert tripod.warns("trajectory refused: it names 30000 joints of one with 3")
+    assert lives()
+    points = [JointTrajectoryPoint(positions=[0.0], time_from_start=Duration(sec=k)) for k in range(10_001)]
+    client.publish("joint_trajectory", JointTrajectory(joint_names=["servo_0"], points=points))
+    assert tripod.warns("it has 10001 points; send at most 10000")
+    client.publish("keys", String(data=100_000 * "k"))
+    client.publish("position_controller/commands", Float64MultiArray(data=[0.0] * 100_000))
+    assert lives()
+    assert all(len(line) < 2 * SENTENCE for line in tripod.process.output.splitlines())
+
+
+def test_a_goal_that_is_nowhere_is_refused(start_process: Any, tripod: Any) -> None:
+    words = parameter_words(robot="tripod")
+    inverse = start_process("softsim_ros.inverse.inverse_node", "--ros-args", *words)
+    assert inverse.says("ready to control"), inverse.output
+    for value in (1e308, 1e200, float("inf"), float("nan")):
+        goal = PoseStamped()
+        goal.header.frame_id = "world"
+        goal.pose.position.x = value
+        tripod.client.publish("effector_goal", goal)
+    assert inverse.says("is not finite or beyond 1000 m"), inverse.output
+    assert inverse.end() == 0
