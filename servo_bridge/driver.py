@@ -159,7 +159,7 @@ class ServoDriver(BoardPort):
             self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
 
     def connect(self, port: str, quiet_s: float = 0.0) -> None:
-        """Open the port and listen; nothing is written until the board spoke, or for `quiet_s` seconds.
+        """Open the port; nothing is written until the board spoke, or for `quiet_s` seconds; ticks send then.
 
         Raises:
             PortError: it cannot be opened.
@@ -168,6 +168,7 @@ class ServoDriver(BoardPort):
         transport = SerialTransport(port, self.baud_rate)
         with self._lock:
             self._open(transport, quiet_s)
+            self._course = "send"
             self._board_moved = self._held = False
             self._last_tick = None
             self.takeover.begin()

@@ -213,6 +213,19 @@ def test_byte_100_is_replaced_by_101_unless_switched_off(
     driver.disconnect()
 
 
+def test_after_connecting_ticks_send_unless_the_driver_stands_by(
+    board: VirtualBoard, clock: TestClock
+) -> None:
+    driver = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    driver.connect(board.port)
+    assert driver.tick() == (150, 150, 150)
+    driver.stand_by()
+    assert driver.tick() is None
+    driver.start()
+    assert driver.tick() == (150, 150, 150)
+    driver.disconnect()
+
+
 def test_without_a_port_nothing_can_be_sent(clock: TestClock) -> None:
     with pytest.raises(PortError, match="configure the bridge first"):
         ServoDriver(robot(), clock=clock).tick()
