@@ -31,7 +31,7 @@ def robot(count: int = 3, limits: JointLimits = LIMITS, **servo: int) -> RobotDe
 
 
 class TestClock:
-    """A clock that moves only when told to."""
+    """A clock that moves only when told to, or when somebody waits."""
 
     __test__ = False
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
+from board_driving import PERIOD, TestClock
 
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
@@ -17,7 +18,6 @@ from softsim_core.scene.board import BoardDescription, ServoCalibration
 from softsim_core.scene.description import JointDescription, SceneDescription
 from softsim_core.scene.robot import RobotDescription
 
-PERIOD = 0.02
 LIMITS = JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9)
 
 
@@ -28,21 +28,6 @@ def robot(*servos: ServoCalibration, limits: JointLimits = LIMITS) -> RobotDescr
     return RobotDescription(
         scene=SceneDescription(name="robot", joints=joints), board=BoardDescription(servos=chosen)
     )
-
-
-class TestClock:
-    """A clock that moves only when told to, or when somebody waits."""
-
-    __test__ = False
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-    def wait(self, duration_s: float) -> None:
-        self.now += duration_s
 
 
 @pytest.fixture
