@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 from subprocess import Popen
 from time import perf_counter
 
@@ -58,6 +60,13 @@ def touching_scene() -> SceneDescription:
         rigid_bodies=(ball,),
         collisions=tuple(CollisionDescription(name=name, body=name) for name in ("beam", "ball")),
     )
+
+
+def cached_kernels() -> tuple[int, Path]:
+    """How many kernels stand compiled in Numba's cache, and in which folder it lies."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(named) if named else Path(__file__).parent
+    return sum(1 for _ in folder.rglob("*.nbc")), folder
 
 
 def warm_up() -> float:

@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 from softsim_core import RobotDescription, Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
 from softsim_core.scene import SceneCatalog
+from softsim_core.warmup import cached_kernels
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
@@ -121,9 +122,9 @@ class Simulator(RobotNode):
 
     def _build(self, start: StartParameters) -> Simulation:
         """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
-        self.get_logger().info(
-            f"building {self.robot}; the first time on a machine kernels are compiled, once, about 30 s"
-        )
+        compiled, _ = cached_kernels()
+        once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
+        self.get_logger().info(f"building {self.robot}{once}")
         backend: Any = start.backend
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

@@ -8,7 +8,6 @@ import os
 import platform
 import shutil
 import sys
-from pathlib import Path
 
 from softsim_core.errors import SoftSimError
 from softsim_ros.cli.checks.finding import Finding, Level
@@ -50,12 +49,10 @@ def numba() -> list[Finding]:
     if importlib.util.find_spec("numba") is None:
         advice = "pip install numba; until then the SciPy path runs, several times slower"
         return [Finding(Level.WARNING, "numba", "not installed", advice)]
-    import softsim_core
+    from softsim_core.warmup import cached_kernels
 
-    folder = os.environ.get("NUMBA_CACHE_DIR")
-    roots = [Path(folder)] if folder else [Path(path) for path in softsim_core.__path__]
-    compiled = sum(1 for root in roots for _ in root.rglob("*.nbc"))
-    text = f"{_version('numba')}, {compiled} compiled kernels cached in {roots[0]}"
+    compiled, folder = cached_kernels()
+    text = f"{_version('numba')}, {compiled} compiled kernels cached in {folder}"
     if compiled:
         return [Finding(Level.OK, "numba", text)]
     advice = "compile them now: python -m softsim_core.warmup (else the first step takes a minute)"
