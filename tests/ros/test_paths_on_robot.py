@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -149,6 +150,9 @@ def test_the_loop_closes_on_the_robot(
     reference.vector.x, reference.vector.y = 0.15, -0.1
     plate.client.publish("tilt_reference", reference)
     assert plate.spin_until(lambda: np.abs(plate.tilts - [0.15, -0.1]).max() < 2e-3), plate.tilts
+    reached = time.monotonic()
+    plate.spin_until(lambda: time.monotonic() - reached > 1.0)  # and it stays there
+    assert np.abs(plate.tilts - [0.15, -0.1]).max() < 2e-3, plate.tilts
     assert plate.switch("closed_loop/enable", False)[0]
     assert loop.end() == 0
     record = read_closed_loop_log(file)
