@@ -34,6 +34,8 @@ from servo_bridge.virtual_board import VirtualBoard
 from servo_bridge.wording import LONGEST_SENTENCE, named, sentence
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 
+pytestmark = pytest.mark.slow
+
 Starter = Callable[..., Any]
 ESCAPE = "\x1b]0;owned\x07\x1b[2J"
 

@@ -20,6 +20,8 @@ from servo_bridge.servo import angle_to_width
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.mechanics.limits import JointLimits
 
+pytestmark = pytest.mark.slow
+
 FAR = -2.0
 REST = (150, 150, 150)
 SPEED = JointLimits(-2.0225, -0.0255, 3.5, 40.0)

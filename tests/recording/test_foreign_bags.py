@@ -21,6 +21,8 @@ from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.torn_files import MAGIC
 
+pytestmark = pytest.mark.slow
+
 CHUNK = 6
 
 
