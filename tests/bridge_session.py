@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -101,3 +102,27 @@ def stream() -> Iterator[Callable[[Any, Any], Stream]]:
     yield starter
     for running in streams:
         running.stop()
+
+
+@contextlib.contextmanager
+def spinning(node: Any, context: Any) -> Iterator[None]:
+    """Spin a node in a thread of this process; it is destroyed at the end."""
+    from rclpy.executors import SingleThreadedExecutor  # absent without ROS
+
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    stop = threading.Event()
+
+    def spin() -> None:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.05)
+
+    spinner = threading.Thread(target=spin)
+    spinner.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        spinner.join()
+        node.destroy_node()
+        executor.shutdown()

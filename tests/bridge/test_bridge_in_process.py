@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from bridge_session import spinning
 
 pytest.importorskip("rclpy")
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt8MultiArray
 
@@ -41,17 +40,7 @@ def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_p
             namespace="two",
             parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
         )
-        executor = SingleThreadedExecutor(context=client.context)
-        executor.add_node(bridge)
-        stop = threading.Event()
-
-        def spin() -> None:
-            while not stop.is_set():
-                executor.spin_once(timeout_sec=0.05)
-
-        spinner = threading.Thread(target=spin)
-        spinner.start()
-        try:
+        with spinning(bridge, client.context):
             assert board.wait_for(lambda b: b.accepted > 5)
             bridge._driver.motion.positions = (-1.5, -1.0)
             assert board.wait_for(lambda b: b.servo_bytes == (93, 121))
@@ -59,11 +48,6 @@ def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_p
             assert board.wait_for(lambda b: not b.is_open)
             assert [packet.servo_bytes for packet in board.packets[-3:]] == [(150, 150)] * 3
             bridge.close()
-        finally:
-            stop.set()
-            spinner.join()
-            bridge.destroy_node()
-            executor.shutdown()
 
 
 @pytest.mark.slow

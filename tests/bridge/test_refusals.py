@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import threading
 import tty
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -13,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bridge_session import spinning
 
 pytest.importorskip("rclpy")
 
 from board_driving import robot
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -209,17 +208,7 @@ def test_a_dead_writer_is_found_and_the_servos_hold(client: Any, tmp_path: Path,
             parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
         )
         diagnostics = client.collect(DiagnosticArray, "/diagnostics")
-        executor = SingleThreadedExecutor(context=client.context)
-        executor.add_node(bridge)
-        stop = threading.Event()
-
-        def spin() -> None:
-            while not stop.is_set():
-                executor.spin_once(timeout_sec=0.05)
-
-        spinner = threading.Thread(target=spin)
-        spinner.start()
-        try:
+        with spinning(bridge, client.context):
             assert board.wait_for(lambda b: b.accepted > 5)
             bridge._driver.motion.limits = None  # what no test can foresee: a fault in the program
             assert wait_until(lambda: bridge.lifecycle_state == "inactive")
@@ -237,8 +226,3 @@ def test_a_dead_writer_is_found_and_the_servos_hold(client: Any, tmp_path: Path,
             assert wait_until(lambda: board.model.motion._silence >= 100)  # two seconds without a word
             assert board.model.motion.holding
             assert board.accepted == accepted
-        finally:
-            stop.set()
-            spinner.join()
-            bridge.destroy_node()
-            executor.shutdown()
