@@ -335,6 +335,7 @@ def test_the_teleop_shows_the_pulses_of_the_emulated_board(tmp_path: Path) -> No
     up = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--no-viewer", "--board", "emulated"]
     with TerminalSession(up, environment={"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
         terminal.wait_for("emulated board: pulses none yet")
+        terminal.wait_for("servo bridge: no-comm")  # a key while it opens its port asks nothing of it
         terminal.type(b"b")
         shown = re.compile(r"pulses 23\d\d 23\d\d 23\d\d \(us\)")
         assert terminal.wait_until(lambda: bool(shown.search(terminal.screen))), terminal.text
