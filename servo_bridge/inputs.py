@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -20,10 +21,9 @@ def command_values(data: bytes) -> Sequence[float]:
     """Values of a serialised Float64MultiArray.
 
     Raises:
-        CommandError: the message is too long.
+        CommandError: the message is too long or damaged.
     """
-    _bound(data)
-    values: Sequence[float] = deserialize_message(data, Float64MultiArray).data
+    values: Sequence[float] = _unpacked(data, Float64MultiArray).data
     return values
 
 
@@ -31,11 +31,10 @@ def joint_positions(data: bytes) -> dict[str, float]:
     """Positions by joint name of a serialised JointState.
 
     Raises:
-        CommandError: the message is too long, has another number of names than of positions, or names a joint
+        CommandError: the message is too long or damaged, has another number of names than of positions, or names a joint
             twice.
     """
-    _bound(data)
-    message = deserialize_message(data, JointState)
+    message = _unpacked(data, JointState)
     if len(message.name) != len(message.position):
         raise CommandError(
             f"{len(message.name)} names with {len(message.position)} positions refused; nothing was moved"
@@ -49,8 +48,14 @@ def joint_positions(data: bytes) -> dict[str, float]:
     return positions
 
 
-def _bound(data: bytes) -> None:
+def _unpacked(data: bytes, message_type: type[Any]) -> Any:
     if len(data) > MOST_BYTES:
         raise CommandError(
             f"message of {len(data)} bytes refused; allowed are {MOST_BYTES}; nothing was moved"
         )
+    try:
+        return deserialize_message(data, message_type)
+    except Exception as error:  # an RMWError, or what a field's setter says of text that is none
+        raise CommandError(
+            f"message refused: its {len(data)} bytes are no {message_type.__name__}; nothing was moved"
+        ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import re
 import tty
 from collections.abc import Callable, Iterator
@@ -47,6 +48,30 @@ def states(*names: str) -> bytes:
 def test_a_long_message_is_refused_before_it_is_unpacked(unpack: Callable[[bytes], object]) -> None:
     with pytest.raises(CommandError, match=f"message of {MOST_BYTES + 1} bytes refused; allowed are"):
         unpack(bytes(MOST_BYTES + 1))
+
+
+@pytest.mark.parametrize("unpack", [command_values, joint_positions])
+def test_damaged_bytes_are_refused(unpack: Callable[[bytes], object]) -> None:
+    whole, rng = states("servo_0", "servo_1", "servo_2"), random.Random(3)
+    refused = 0
+    for _ in range(300):
+        data = bytearray(whole[: rng.randint(4, len(whole))])
+        for _ in range(rng.randint(0, 4)):
+            data[rng.randrange(4, len(data)) if len(data) > 4 else 0] = rng.choice((0, 1, 127, 255))
+        try:
+            unpack(bytes(data))
+        except CommandError:
+            refused += 1
+    assert refused > 30
+    assert re.fullmatch(
+        r"message refused: its 4 bytes are no \w+; nothing was moved", refusal(unpack, b"\0\1\0\0")
+    )
+
+
+def refusal(unpack: Callable[[bytes], object], data: bytes) -> str:
+    with pytest.raises(CommandError) as caught:
+        unpack(data)
+    return str(caught.value)
 
 
 def test_a_joint_named_twice_is_refused_whole() -> None:
