@@ -7,6 +7,7 @@ from typing import Any
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode
 
+from servo_bridge.wording import shortened
 from softsim_core.errors import listing
 
 
@@ -35,7 +36,7 @@ class GuardedLifecycleNode(LifecycleNode):
         if (label in offered.values()) if label else (request.transition.id in offered):
             return self._change_state(request, response)
         self.get_logger().error(
-            f"transition {label or request.transition.id} refused in state {self.lifecycle_state};"
+            f"transition {shortened(label) or request.transition.id} refused in state {self.lifecycle_state};"
             f" possible are: {listing(sorted(set(offered.values())))}"
         )
         response.success = False

@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_sessio
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
 
-PROCESSES = ("ros", "bridge", "viewer", "recording", "firmware", "tutorials")
+PROCESSES = ("attacks", "ros", "bridge", "viewer", "recording", "firmware", "tutorials")
 """Folders of tests that run several processes against the wall clock."""
 
 
