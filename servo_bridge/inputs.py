@@ -31,8 +31,8 @@ def joint_positions(data: bytes) -> dict[str, float]:
     """Positions by joint name of a serialised JointState.
 
     Raises:
-        CommandError: the message is too long or damaged, has another number of names than of positions, or names
-            a joint twice.
+        CommandError: the message is too long or damaged, names a joint twice, or has another number of names
+            than of positions.
     """
     message = _unpacked(data, JointState)
     if len(message.name) != len(message.position):
