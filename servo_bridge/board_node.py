@@ -11,7 +11,6 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from servo_bridge.pty_board import PtyBoard
 
@@ -79,16 +78,6 @@ class BoardNode(Node):
             sys.stdout.flush()
 
 
-def requested_link(program: str, description: str, args: list[str] | None) -> str | None:
-    """The option --link of a board's command line; None where it is not given.
-
-    Args:
-        program: Name of the program.
-        description: One line for its help.
-        args: Command line without the program's name; None takes the process's own.
-    """
-    command_line = sys.argv if args is None else [program, *args]
-    parser = argparse.ArgumentParser(prog=program, description=description)
-    parser.add_argument("--link", metavar="PATH", help="symbolic link to the port, with a name that stays")
-    link: str | None = parser.parse_args(remove_ros_args(command_line)[1:]).link
-    return link
+def add_link(parser: argparse.ArgumentParser) -> None:
+    """Add the option --link of a board's command line."""
+    parser.add_argument("--link", metavar="PATH", help="as the parameter link")

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -32,13 +32,14 @@ from servo_bridge.imu import imu_message
 from servo_bridge.inputs import command_values, joint_positions
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.ports import find_again, find_port, stable_name
-from servo_bridge.process import run_node
 from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
 from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.help import Program
+from softsim_node.process import run_node
 
 Values = TypeVar("Values")
 
@@ -435,15 +436,21 @@ class ServoBridge(GuardedLifecycleNode):
                 self._driver.set_timing(settings.motion)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the bridge until Ctrl-C or SIGTERM; the servos end in the safe pose.
+PROGRAM = Program(
+    name="servo_bridge",
+    about="Writes a robot's joint angles as servo packets to a serial port, through limits and ramps.",
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the bridge until a signal or the end of its parent; the servos end in the safe pose.
 
     Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
 
     Returns:
-        Exit code: 0 after a normal end, 2 for a parameter that cannot be used.
+        Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.
     """
-    return run_node(lambda: ServoBridge(namespace=parameters.robot_namespace()), args)
+    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace()), args)
 
 
 if __name__ == "__main__":

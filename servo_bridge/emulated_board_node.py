@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -10,9 +11,16 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.board_node import BoardNode, requested_link
+from servo_bridge.board_node import BoardNode, add_link
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.process import run_node
+from softsim_node.help import Program
+from softsim_node.process import run_node
+
+PROGRAM = Program(
+    name="emulated_board",
+    about="The servo board's real firmware in an emulated processor, on a pseudo-terminal.",
+    configure=add_link,
+)
 
 PUBLISH_PERIOD_S = 0.1
 
@@ -69,15 +77,14 @@ class EmulatedBoardNode(BoardNode):
             self._widths.publish(Float64MultiArray(data=list(self.board.widths_us() or ())))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run an emulated board until Ctrl-C or SIGTERM.
+def main(args: Sequence[str] | None = None) -> int:
+    """Run an emulated board until a signal ends it.
 
     Returns:
-        Exit code: 0 after a normal end, 2 where the emulator, the firmware or the link is missing.
+        Exit code: 0 after a normal end, 1 where the emulator, the firmware or the link is missing, 2 for a
+        wrong command line.
     """
-    about = "The servo board's real firmware in an emulated processor, on a pseudo-terminal."
-    link = requested_link("emulated_board", about, args)
-    return run_node(lambda: EmulatedBoardNode(link=link, show=True), args)
+    return run_node(PROGRAM, lambda options: EmulatedBoardNode(link=options.link, show=True), args)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
@@ -10,11 +11,18 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray
 
-from servo_bridge.board_node import BoardNode, requested_link
-from servo_bridge.process import run_node
+from servo_bridge.board_node import BoardNode, add_link
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import listing
+from softsim_node.help import Program
+from softsim_node.process import run_node
+
+PROGRAM = Program(
+    name="virtual_board",
+    about="A serial servo board on a pseudo-terminal, for tests and demos.",
+    configure=add_link,
+)
 
 PUBLISH_PERIOD_S = 0.02
 
@@ -88,15 +96,14 @@ class VirtualBoardNode(BoardNode):
             self._bytes.publish(UInt8MultiArray(data=bytes(servo_bytes)))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run a virtual board until Ctrl-C or SIGTERM.
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a virtual board until a signal ends it.
 
     Returns:
-        Exit code: 0 after a normal end, 2 where the link or a board of the protocol cannot be made.
+        Exit code: 0 after a normal end, 1 where the link or a board of the protocol cannot be made, 2 for a
+        wrong command line.
     """
-    about = "A serial servo board on a pseudo-terminal, for tests and demos."
-    link = requested_link("virtual_board", about, args)
-    return run_node(lambda: VirtualBoardNode(link=link, show=True), args)
+    return run_node(PROGRAM, lambda options: VirtualBoardNode(link=options.link, show=True), args)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,8 @@ from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
 from softsim_core.inverse.paths import MAZE_LIFT_M
 from softsim_core.inverse.tilts import tilt_rotation, tilts_of
 from softsim_core.mechanics.pose import quaternion_of, rotation_of
+from softsim_node.help import Program
+from softsim_node.process import run_node
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.goals import WORLD, checked_pose
 from softsim_ros.inverse.inverse_switch import InverseSwitch
@@ -35,7 +37,7 @@ from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_t
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import declare_number, declare_switch, declare_text, run_node
+from softsim_ros.runtime import declare_number, declare_switch, declare_text
 
 NODE_NAME: Final = "closed_loop"
 MEASURES: Final = ("imu", "effector_pose")
@@ -245,9 +247,15 @@ class ClosedLoop(RobotNode):
         self._publish_health(level, sentence, values)
 
 
+PROGRAM = Program(
+    name="closed_loop",
+    about="Tilts the goal until the measured tilts are the wanted ones.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the closed loop as a process; returns the exit code."""
-    return run_node(ClosedLoop, args)
+    return run_node(PROGRAM, lambda _: ClosedLoop(), args)
 
 
 if __name__ == "__main__":

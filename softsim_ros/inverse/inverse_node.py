@@ -22,6 +22,8 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
+from softsim_node.help import Program
+from softsim_node.process import run_node
 from softsim_ros.inverse.commands_out import CommandsOut
 from softsim_ros.inverse.control_thread import ControlThread
 from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
@@ -30,7 +32,6 @@ from softsim_ros.inverse.parameters import checked_feedback, declare_parameters,
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.messages import pose_stamped
 from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
@@ -221,9 +222,15 @@ class InverseControl(RobotNode):
         self._publish_health(level, sentence, values)
 
 
+PROGRAM = Program(
+    name="inverse_controller",
+    about="Brings a robot's effector to a goal.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the inverse controller as a process; returns the exit code."""
-    return run_node(InverseControl, args)
+    return run_node(PROGRAM, lambda _: InverseControl(), args)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,9 @@ from rclpy.parameter import Parameter
 
 from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.parameters import ParameterError
 from softsim_ros.inverse.plant import FEEDBACKS, Feedback
-from softsim_ros.runtime import ParameterError, declare_number, declare_text
+from softsim_ros.runtime import declare_number, declare_text
 
 TASKS: Final = ("position", "orientation", "height_tilt", "pose")
 BACKENDS: Final = ("analytic", "sampled")

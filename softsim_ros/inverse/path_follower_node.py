@@ -23,6 +23,8 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, is_known_path, known_paths, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
+from softsim_node.help import Program
+from softsim_node.process import run_node
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.inverse_switch import InverseSwitch
@@ -33,7 +35,6 @@ from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
@@ -311,9 +312,15 @@ def _started(path: EffectorPath) -> str:
     return f"path started: {path.duration:g} s"
 
 
+PROGRAM = Program(
+    name="path_follower",
+    about="Plays a path as goals of the inverse controller.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the path follower as a process; returns the exit code."""
-    return run_node(PathFollower, args)
+    return run_node(PROGRAM, lambda _: PathFollower(), args)
 
 
 if __name__ == "__main__":

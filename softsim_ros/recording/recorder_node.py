@@ -22,6 +22,8 @@ from std_srvs.srv import SetBool
 
 from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
+from softsim_node.help import Program
+from softsim_node.process import run_node
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
@@ -33,7 +35,6 @@ from softsim_ros.runtime import (
     declare_switch,
     declare_text,
     parameter_probe,
-    run_node,
 )
 
 NODE_NAME = "recorder"
@@ -281,9 +282,15 @@ def _requested_robot(context: Context | None, overrides: list[Parameter]) -> str
         return _declare_robot(probe)
 
 
+PROGRAM = Program(
+    name="recorder",
+    about="Records a robot's topics into a rosbag2 file.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder as a process; returns the exit code."""
-    return run_node(Recorder, args)
+    return run_node(PROGRAM, lambda _: Recorder(), args)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
+from softsim_node.ending import ending
+from softsim_node.spinning import serve_once
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording import replay_source
 from softsim_ros.recording.bag import Bag
@@ -21,7 +23,7 @@ from softsim_ros.recording.qos import publisher_qos
 from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.replay_source import Event
 from softsim_ros.recording.selection import SHARED
-from softsim_ros.runtime import ClosableNode, declare_number, serve_once
+from softsim_ros.runtime import ClosableNode, declare_number
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "replay"
@@ -126,7 +128,7 @@ class Replay(ClosableNode):
             )
 
     def play(self, executor: Executor) -> None:
-        """Send everything once, from the start; returns early where the context shuts down.
+        """Send everything once, from the start; returns early where the process shall end.
 
         Raises:
             RecordingError: another node has begun to publish the same topics.
@@ -140,12 +142,12 @@ class Replay(ClosableNode):
             publisher.wait_for_all_acked(Duration(seconds=5))
 
     def _wait_for(self, position: float, executor: Executor) -> bool:
-        """Serve callbacks until a bag time comes; False where the context has shut down."""
+        """Serve callbacks until a bag time comes; False where the process shall end."""
         while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
             time.monotonic()
         ):
             serve_once(executor, min(max(wait, 0.0), LOOK_PERIOD_S))
-            if not executor.context.ok():
+            if ending.asked or not executor.context.ok():
                 return False
             if self._looks.passes(time.monotonic()):
                 self._refuse_rivals()
@@ -174,7 +176,7 @@ class Replay(ClosableNode):
         """Serve callbacks until a condition holds; False when the time passed first."""
         end = time.monotonic() + seconds
         while not until():
-            if time.monotonic() > end or not executor.context.ok():
+            if time.monotonic() > end or ending.asked or not executor.context.ok():
                 return False
             serve_once(executor, LOOK_PERIOD_S)
         return True

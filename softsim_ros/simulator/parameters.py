@@ -14,7 +14,8 @@ from softsim_core.fem.materials import material, material_names
 from softsim_core.scene.catalog import folders_of
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_ros.runtime import ParameterError, declare_number, declare_switch, declare_text
+from softsim_node.parameters import ParameterError
+from softsim_ros.runtime import declare_number, declare_switch, declare_text
 from softsim_ros.simulator.snapshot_folder import SnapshotFolder, default_folder
 
 BACKENDS = ("auto", "numba", "scipy")

@@ -23,9 +23,11 @@ from softsim_core import RobotDescription, Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
 from softsim_core.scene import SceneCatalog
 from softsim_core.warmup import cached_kernels
+from softsim_node.ending import ending
+from softsim_node.help import Program
+from softsim_node.process import run_node
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
 from softsim_ros.simulator.bases import BaseTargets
 from softsim_ros.simulator.commands import position_command, trajectory_command
 from softsim_ros.simulator.health import NOT_LOADED, health
@@ -128,11 +130,12 @@ class Simulator(RobotNode):
         backend: Any = start.backend
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            trial = Simulation(dataclasses.replace(start.robot, controllers=()), backend=backend)
-            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
-                trial.step()
-            trial.von_mises()
-            simulation = Simulation(start.robot, backend=backend)
+            with ending.interruptible():
+                trial = Simulation(dataclasses.replace(start.robot, controllers=()), backend=backend)
+                with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+                    trial.step()
+                trial.von_mises()
+                simulation = Simulation(start.robot, backend=backend)
         for sentence in dict.fromkeys(str(warning.message) for warning in caught):
             self.get_logger().warning(sentence)
         return simulation
@@ -345,9 +348,15 @@ def _answering(
     return answer
 
 
+PROGRAM = Program(
+    name="simulator",
+    about="Simulates one robot or scene in real time.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the simulator as a process; returns the exit code."""
-    return run_node(Simulator, args)
+    return run_node(PROGRAM, lambda _: Simulator(), args)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 import sys
 import time
 from array import array
@@ -20,7 +19,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.scene import RobotDescription, load_scene
 from softsim_core.scene.control import Action
-from softsim_ros.runtime import ClosableNode, declare_number, declare_text, parameter_probe, run_node
+from softsim_node.help import Program
+from softsim_node.process import run_node
+from softsim_ros.runtime import ClosableNode, declare_number, declare_text, parameter_probe
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
     REPEAT_INTERVAL_S,
@@ -305,7 +306,7 @@ def requested_robot() -> str:
 def drive(node: Teleop) -> None:
     """Keys and display in this terminal until a person or a signal ends it.
 
-    SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order.
+    SIGINT, SIGTERM and SIGHUP end its loop in order, see `softsim_node.ending`.
 
     Raises:
         NoTerminalError: this terminal cannot be used.
@@ -313,15 +314,21 @@ def drive(node: Teleop) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+        with HeldOutput(), RawTerminal(signals=()) as terminal:
             run_teleop(node, terminal, lambda: ready_callbacks(executor))
     finally:
         executor.shutdown(timeout_sec=0)
 
 
+PROGRAM = Program(
+    name="teleop",
+    about="Drives a robot from this terminal's keys.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the teleop in this terminal; returns the exit code."""
-    return run_node(lambda: Teleop(load_scene(requested_robot())), args, drive)
+    return run_node(PROGRAM, lambda _: Teleop(load_scene(requested_robot())), args, drive)
 
 
 if __name__ == "__main__":

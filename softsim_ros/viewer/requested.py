@@ -9,7 +9,8 @@ from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
-from softsim_ros.runtime import ParameterError, declare_switch, declare_text, parameter_probe
+from softsim_node.parameters import ParameterError
+from softsim_ros.runtime import declare_switch, declare_text, parameter_probe
 
 DEFAULT_ROBOT: Final = "tripod"
 DEFAULT_PORT: Final = 8080
@@ -25,7 +26,6 @@ class ViewerSettings:
         token: Secret that browsers bring; empty: one is made at each start.
         no_token: Ask for no secret: every account of this machine may use the page.
         lite: Cheap light, for browsers without a graphics card.
-        parent: Process number of the program that started the viewer: it ends with it; 0: on its own.
     """
 
     host: str = "127.0.0.1"
@@ -33,7 +33,6 @@ class ViewerSettings:
     token: str = ""
     no_token: bool = False
     lite: bool = False
-    parent: int = 0
 
     def declare(self, node: Node) -> ViewerSettings:
         """Declare the parameters on a node, these values as defaults; returns what they are there.
@@ -48,10 +47,7 @@ class ViewerSettings:
         )
         lite = declare_switch(node, "lite", self.lite, "cheap light and no shadows", read_only=True)
         port = _declare_count(node, "port", self.port, "TCP port of the page", 1, 65535)
-        parent = _declare_count(
-            node, "parent", self.parent, "ends with this process; 0: on its own", 0, 2**31
-        )
-        return ViewerSettings(host, port, token, open_to_all, lite, parent)
+        return ViewerSettings(host, port, token, open_to_all, lite)
 
 
 def _declare_count(node: Node, name: str, default: int, description: str, lower: int, upper: int) -> int:

@@ -16,14 +16,15 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
 from softsim_core.errors import SceneError  # noqa: E402
+from softsim_node.help import Program  # noqa: E402
+from softsim_node.parameters import ParameterError  # noqa: E402
+from softsim_node.process import run_node  # noqa: E402
 from softsim_ros.runtime import (  # noqa: E402
     ClosableNode,
-    ParameterError,
     SpinThread,
     declare_number,
     declare_switch,
     declare_text,
-    run_node,
 )
 
 
@@ -87,6 +88,9 @@ def test_a_spin_thread_outlives_its_context(node: Node, context: Context) -> Non
         context.try_shutdown()
 
 
+PROGRAM = Program(name="trial", about="Tries.")
+
+
 class Failing(ClosableNode):
     def __init__(self) -> None:
         raise SceneError("scene x: no such thing; known: y")
@@ -105,17 +109,17 @@ class Stopping(ClosableNode):
 
 
 def test_run_node_says_errors_of_the_suite_in_a_sentence(ros_domain: int, capfd: Any) -> None:
-    assert run_node(Failing, []) == 1
+    assert run_node(PROGRAM, lambda _: Failing(), []) == 1
     assert capfd.readouterr().err == "scene x: no such thing; known: y\n"
 
 
 def test_run_node_closes_the_node_when_its_context_ends(ros_domain: int, capfd: Any) -> None:
     Stopping.closed = []
-    assert run_node(Stopping, ["--ros-args", "-r", "__node:=renamed"]) == 0
+    assert run_node(PROGRAM, lambda _: Stopping(), ["--ros-args", "-r", "__node:=renamed"]) == 0
     assert Stopping.closed == ["renamed"]
-    assert capfd.readouterr().err == ""
+    assert "nodes on this computer only" in capfd.readouterr().err
 
 
 def test_run_node_refuses_wrong_ros_arguments(ros_domain: int, capfd: Any) -> None:
-    assert run_node(Stopping, ["--ros-args", "-p", "nonsense"]) == 1
+    assert run_node(PROGRAM, lambda _: Stopping(), ["--ros-args", "-p", "nonsense"]) == 1
     assert "nonsense" in capfd.readouterr().err.splitlines()[-1]
