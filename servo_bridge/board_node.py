@@ -5,16 +5,24 @@ from __future__ import annotations
 import argparse
 import sys
 from abc import abstractmethod
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from servo_bridge.pty_board import PtyBoard
+from softsim_node.parameters import declare, parameter
 
 STATUS_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardSettings:
+    """What the parameters of every board begin with."""
+
+    link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
 
 
 class BoardNode(Node):
@@ -27,15 +35,19 @@ class BoardNode(Node):
         show: Write the port's name and a status line to standard output.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
+
+    Attributes:
+        defaults: Parameters and their defaults; a subclass may have more.
+        settings: The same as they were given.
     """
 
     board: PtyBoard
+    defaults: ClassVar[Any] = BoardSettings()
 
     def __init__(self, *, link: str | None, show: bool, node_name: str, **node_kwargs: Any) -> None:
         super().__init__(node_name, **node_kwargs)
-        described = "Path of a symbolic link to the port; empty: none."
-        self.declare_parameter("link", "", ParameterDescriptor(description=described, read_only=True))
-        self.link_path = (str(self.get_parameter("link").value) if link is None else link) or None
+        self.settings = declare(self, self.defaults)
+        self.link_path = (self.settings.link if link is None else link) or None
         self._show = show
         self._shown = ""
 

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.board_node import BoardNode, add_link
+from servo_bridge.board_node import BoardNode, BoardSettings, add_link
 from servo_bridge.emulator import EmulatedBoardPty
 from softsim_node.help import Program
+from softsim_node.parameters import parameter
 from softsim_node.process import run_node
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatedBoardSettings(BoardSettings):
+    """Values of the parameters."""
+
+    firmware: str = parameter("", "Firmware to run (Intel hex); empty: this package's own", fixed=True)
+
 
 PROGRAM = Program(
     name="emulated_board",
     about="The servo board's real firmware in an emulated processor, on a pseudo-terminal.",
+    settings=(EmulatedBoardSettings(),),
     configure=add_link,
 )
 
@@ -41,6 +51,7 @@ class EmulatedBoardNode(BoardNode):
     """
 
     board: EmulatedBoardPty
+    defaults = EmulatedBoardSettings()
 
     def __init__(
         self,
@@ -51,9 +62,7 @@ class EmulatedBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        described = "Firmware to run (Intel hex); empty: this package's own."
-        self.declare_parameter("firmware", "", ParameterDescriptor(description=described, read_only=True))
-        self.board = EmulatedBoardPty(str(self.get_parameter("firmware").value) or None, link=self.link_path)
+        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path)
         self._failed = False
         self._widths: Publisher = self.create_publisher(
             Float64MultiArray, "emulated_board/pulse_widths", QoSProfile(depth=1)

@@ -6,6 +6,7 @@ import argparse
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from rclpy.utilities import remove_ros_args
 
@@ -21,14 +22,14 @@ class Program:
     Attributes:
         name: Name of the executable.
         about: What it does, in a sentence.
-        settings: Its parameters: an instance of a dataclass, see `softsim_node.parameters`.
+        settings: Its parameters: instances of dataclasses, see `softsim_node.parameters`.
         more: A sentence about parameters that depend on the robot; empty: there are none.
         configure: Adds options of its own, without which it can be started, too.
     """
 
     name: str
     about: str
-    settings: object = None
+    settings: tuple[object, ...] = ()
     more: str = ""
     configure: Callable[[argparse.ArgumentParser], None] = lambda parser: None
 
@@ -54,7 +55,7 @@ class Program:
 
     def _parameters(self) -> str:
         lines = ["parameters, each given as --ros-args -p NAME:=VALUE:"]
-        for name, default, about in described(self.settings) if self.settings else ():
+        for name, default, about in chain.from_iterable(map(described, self.settings)):
             shown = str(default).lower() if isinstance(default, bool) else str(default) or "empty"
             fixed = "; fixed after the start" if about.fixed else ""
             lines.append(f"  {name}: {about.allowed(default)}; default {shown}{fixed}")

@@ -116,8 +116,15 @@ def declare(node: Node, settings: Settings) -> Settings:
     return dataclasses.replace(settings, **values)  # type: ignore[type-var]
 
 
-def declare_value(node: Node, name: str, default: Any, about: About) -> Any:
+def declare_value(node: Node, name: str, default: Any, about: About, *, given: bool = True) -> Any:
     """Declare one parameter whose name or range is known only at run time; returns its value.
+
+    Args:
+        node: Whose parameter it is.
+        name: Its name.
+        default: Its value where none is given.
+        about: What it allows.
+        given: A value given at the start of the node counts.
 
     Raises:
         ParameterError: the value given at the start is not allowed.
@@ -125,12 +132,34 @@ def declare_value(node: Node, name: str, default: Any, about: About) -> Any:
     first = list(default) if isinstance(default, tuple) else default
     allowed = about.allowed(default)
     try:
-        given = node.declare_parameter(name, first, _descriptor(default, about)).value
+        descriptor = _descriptor(default, about)
+        value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
     except InvalidParameterTypeException as error:
         raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
     except InvalidParameterValueException as error:
         raise ParameterError(f"parameter {name} is refused; allowed is {allowed}") from error
-    return checked(name, given, default, about)
+    return checked(name, value, default, about)
+
+
+@contextmanager
+def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
+    """A node for the `with` block, to read parameters of this process that its real node is made from.
+
+    Args:
+        name: Name of the real node.
+        **node_options: Passed on to rclpy's Node.
+    """
+    node = Node(
+        name,
+        start_parameter_services=False,
+        enable_rosout=False,
+        enable_logger_service=False,
+        **node_options,
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()
 
 
 def checked(name: str, value: Any, default: Any, about: About) -> Any:
@@ -171,11 +200,11 @@ class LiveParameters(Generic[Settings]):
     Args:
         node: Whose parameters they are.
         settings: Defaults; see `declare`.
-        check: Gets the values before and after a change; raises where it cannot be.
-        apply: Gets the same once the change is stored.
+        check: Gets the names that are set and the values as they would be; raises where they cannot be.
+        apply: Gets the same once they are stored.
 
     Attributes:
-        values: The present values.
+        values: The present values; inside `check` those before the change.
 
     Raises:
         ParameterError: a value given at the start is not allowed.
@@ -186,8 +215,8 @@ class LiveParameters(Generic[Settings]):
         node: Node,
         settings: Settings,
         *,
-        check: Callable[[Settings, Settings], None] = lambda before, after: None,
-        apply: Callable[[Settings, Settings], None] = lambda before, after: None,
+        check: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
+        apply: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
     ) -> None:
         self.values = declare(node, settings)
         self._node, self._check, self._apply = node, check, apply
@@ -209,26 +238,30 @@ class LiveParameters(Generic[Settings]):
         finally:
             self._is_quiet = False
 
-    def _changed(self, changes: Sequence[Parameter]) -> Settings:
+    def _changed(self, changes: Sequence[Parameter]) -> tuple[frozenset[str], Settings]:
         values = {
             change.name: checked(change.name, change.value, *self._about[change.name])
             for change in changes
             if change.name in self._about
         }
-        return dataclasses.replace(self.values, **values)  # type: ignore[type-var]
+        return frozenset(values), dataclasses.replace(self.values, **values)  # type: ignore[type-var]
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        if not self._is_quiet:
-            try:
-                self._check(self.values, self._changed(changes))
-            except Exception as error:
-                return SetParametersResult(successful=False, reason=sentence_of(error))
+        try:
+            names, values = self._changed(changes)
+            if names and not self._is_quiet:
+                self._check(names, values)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=sentence_of(error))
         return SetParametersResult(successful=True)
 
     def _post_set(self, changes: list[Parameter]) -> None:
-        before, self.values = self.values, self._changed(changes)
-        if not self._is_quiet and self.values != before:
-            self._apply(before, self.values)
+        names, self.values = self._changed(changes)
+        if names and not self._is_quiet:
+            try:
+                self._apply(names, self.values)
+            except Exception as error:  # rclpy has stored the values and has no answer for this
+                self._node.get_logger().error(f"parameters are stored, but: {sentence_of(error)}")
 
 
 def _descriptor(default: object, about: About) -> ParameterDescriptor:

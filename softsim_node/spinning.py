@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 
 from softsim_node.ending import ending
 from softsim_node.sentences import sentence_of
@@ -56,7 +56,7 @@ def outliving(executor: Executor) -> Iterator[None]:
             node.get_logger().error(sentence_of(error), throttle_duration_sec=REFUSAL_PERIOD_S)
 
 
-def serve_callbacks(node: Node) -> None:
+def serve_callbacks(node: Any) -> None:
     """Serve a node's callbacks until the process shall end, or its context shuts down."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import time
 from collections.abc import Callable
 from typing import Any, Final
@@ -58,22 +59,38 @@ def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -
 
 
 def service_door(callback: Guarded, refuse: Callable[[str], None], service: str) -> Guarded:
-    """A service's callback that answers with the sentence of its failure; long answers are cut."""
+    """A service's callback that answers with the sentence of its failure; long answers are cut.
 
-    @functools.wraps(callback)
-    def answer(request: Any, response: Any) -> Any:
-        try:
-            response = callback(request, response)
-        except Exception as error:
-            sentence = sentence_of(error)
-            refuse(f"request to {service} {sentence}")
-            if hasattr(response, "success") and hasattr(response, "message"):
-                response.success, response.message = False, sentence
+    A callback that is a coroutine stays one.
+    """
+
+    def refused(response: Any, error: Exception) -> Any:
+        sentence = sentence_of(error)
+        refuse(f"request to {service} {sentence}")
+        if hasattr(response, "success") and hasattr(response, "message"):
+            response.success, response.message = False, sentence
+        return response
+
+    def bounded(response: Any) -> Any:
         if isinstance(getattr(response, "message", None), str):
             response.message = one_line(response.message)
         return response
 
-    return answer
+    @functools.wraps(callback)
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            return bounded(callback(request, response))
+        except Exception as error:
+            return refused(response, error)
+
+    @functools.wraps(callback)
+    async def answer_later(request: Any, response: Any) -> Any:
+        try:
+            return bounded(await callback(request, response))
+        except Exception as error:
+            return refused(response, error)
+
+    return answer_later if inspect.iscoroutinefunction(callback) else answer
 
 
 def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:

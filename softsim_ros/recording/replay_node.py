@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_node.ending import ending
+from softsim_node.parameters import LiveParameters, parameter
 from softsim_node.spinning import serve_once
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording import replay_source
@@ -23,7 +23,7 @@ from softsim_ros.recording.qos import publisher_qos
 from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.replay_source import Event
 from softsim_ros.recording.selection import SHARED
-from softsim_ros.runtime import ClosableNode, declare_number
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "replay"
@@ -39,6 +39,13 @@ RIVAL_PERIOD_S = 0.5
 LISTENER_DEADLINE_S = 15.0
 LOOK_PERIOD_S = 0.05
 """Services and parameters are served at least this often, in [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySettings:
+    """Values of the parameters."""
+
+    speed: float = parameter(1.0, "Seconds of the bag per second", within=(0.001, 1000.0))
 
 
 class Replay(ClosableNode):
@@ -79,15 +86,14 @@ class Replay(ClosableNode):
                 raise BagError(
                     bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
                 )
-            declare_number(self, "speed", speed, "Seconds of the bag a second", 0.001, 1000.0)
-            self._playhead.set_speed(speed, time.monotonic())
+            self._live = LiveParameters(self, ReplaySettings(speed=speed), apply=self._change_speed)
+            self._playhead.set_speed(self._live.values.speed, time.monotonic())
             self._types = {topic: self._message_type(topic) for topic in self._topics}
             self._senders: dict[str, Publisher] = {}
             self._simulator = {
                 name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
             }
             self.create_service(SetBool, "~/pause", self._on_pause)
-            self.add_on_set_parameters_callback(self._on_parameters)
         except BaseException:
             self.destroy_node()
             raise
@@ -207,8 +213,5 @@ class Replay(ClosableNode):
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name == "speed":
-                self._playhead.set_speed(float(parameter.value), time.monotonic())
-        return SetParametersResult(successful=True)
+    def _change_speed(self, _: frozenset[str], settings: ReplaySettings) -> None:
+        self._playhead.set_speed(settings.speed, time.monotonic())

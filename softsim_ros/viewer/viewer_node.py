@@ -21,8 +21,10 @@ from softsim_core.scene.portable import without_contents
 from softsim_core.scene.robot import RobotDescription
 from softsim_node.ending import ending
 from softsim_node.help import Program
+from softsim_node.parameters import declare
 from softsim_node.process import run_node
 from softsim_ros.teleop.loop import ready_callbacks
+from softsim_ros.teleop.parameters import TeleopSettings
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
@@ -54,7 +56,7 @@ class Viewer(PageNode):
 
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
-        self._settings = settings = settings.declare(self)
+        self._settings = settings = declare(self, settings)
         token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
@@ -196,6 +198,7 @@ def announced_viewer() -> Viewer:
 PROGRAM = Program(
     name="viewer",
     about="Shows a robot in a web page, and drives it from there.",
+    settings=(TeleopSettings(), ViewerSettings()),
 )
 
 

@@ -314,7 +314,7 @@ def test_parameters_that_need_a_new_configure_are_refused_meanwhile(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["-p", "autostart:=maybe"], "'maybe' is none of: none, configure, activate"),
+        (["-p", "autostart:=maybe"], "'maybe' is refused; allowed is one of: none, configure, activate"),
         (["-p", "rate:=1000.0"], "rate"),
         (["-p", "port:=3"], "port"),
     ],

@@ -28,7 +28,6 @@ from servo_bridge.driver import ServoDriver
 from servo_bridge.e_stop import EStop
 from servo_bridge.inputs import MOST_BYTES, command_values, joint_positions
 from servo_bridge.parameters import BridgeSettings
-from servo_bridge.safety import MotionSettings
 from servo_bridge.virtual_board import VirtualBoard
 from servo_bridge.wording import LONGEST_SENTENCE, named, sentence
 from softsim_core.errors import CommandError, SceneError, SoftSimError
@@ -136,12 +135,7 @@ def test_a_rate_at_which_a_board_falls_silent_is_refused(rate: float) -> None:
 
 
 def settings(**changes: Any) -> BridgeSettings:
-    values: dict[str, Any] = {
-        "robot": "tripod", "port": "", "source": "commands", "protocol": "auto", "baud_rate": 0,
-        "calibration": "", "relax_at_end": True, "imu_frame": "", "autostart": "none", "rate": 0.0,
-        "open_wait_s": 0.0, "avoid_byte_100": True, "settle_timeout": 1.0, "motion": MotionSettings(),
-    }  # fmt: skip
-    return BridgeSettings(**(values | changes))
+    return BridgeSettings(**({"source": "commands", "calibration": "", "settle_timeout": 1.0} | changes))
 
 
 @pytest.mark.parametrize("parameter", ["robot", "calibration"])
