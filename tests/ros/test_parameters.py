@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,13 +14,17 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
+from rcl_interfaces.msg import ParameterType  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.parameter import Parameter, get_parameter_value  # noqa: E402
 
 from softsim_core.errors import CommandError  # noqa: E402
+from softsim_core.scene.overrides import read_overrides  # noqa: E402
 from softsim_node.help import Program  # noqa: E402
 from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter  # noqa: E402
+
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +105,20 @@ def test_a_change_happens_whole_or_not_at_all(context: Context) -> None:
     live.store(gain=0.1)  # as it is already: neither checked nor applied
     assert (live.values.gain, len(applied)) == (0.1, 1)
     node.destroy_node()
+
+
+def test_the_documented_commands_pass_the_parser_of_ros2_param_set() -> None:
+    """It reads the value as YAML and makes a parameter of the type it finds; a mapping makes it fail."""
+    found = 0
+    for page in (REPOSITORY / "docs").rglob("*.md"):
+        for line in re.findall(r"^ros2 param set .*$", page.read_text(), re.MULTILINE):
+            words = shlex.split(line, comments=True)
+            value = get_parameter_value(words[5])
+            if words[4] == "overrides":
+                found += 1
+                assert value.type == ParameterType.PARAMETER_STRING
+                assert read_overrides(value.string_value)["gravity"] == [0, 0, -1.6]
+    assert found > 0
 
 
 def test_help_tells_type_unit_range_default_and_what_is_fixed(capsys: pytest.CaptureFixture[str]) -> None:
