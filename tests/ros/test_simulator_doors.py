@@ -172,15 +172,9 @@ def test_overrides_are_bounded_and_name_no_other_file(tripod: Any, tmp_path: Pat
     text = f"bodies: [{{name: silicone, mesh: {{file: {mesh}}}}}]"
     there = refused(tripod, overrides=text)
     assert "name other files than the scene does" in there
-    gone = tmp_path / "never.vtk"
-    assert refused(tripod, overrides=text.replace(str(mesh), str(gone))) == there.replace(
-        str(mesh), str(gone)
-    )
-    for wish in (
-        "extends: /etc/hostname",
-        "extends: /etc/no_such_file",
-        "bodies: [{name: a, thing: ~root/x}]",
-    ):
+    mesh.unlink()
+    assert refused(tripod, overrides=text) == there  # nobody looked whether it is there
+    for wish in ("extends: /etc/hostname", "bodies: [{name: silicone, thing: ~root/x}]"):
         assert "name other files than the scene does" in refused(tripod, overrides=wish)
     assert lives()
 

@@ -51,9 +51,7 @@ def test_wrong_values_are_refused_and_change_nothing(tripod: Any, name: str, val
     assert tripod.get_parameter(name) == before
 
 
-@pytest.mark.parametrize(
-    "bad", [{"poisson_ratio": 0.6}, {"snapshot": "../x"}, {"speed": 1e-9}, {"robot": "x"}]
-)
+@pytest.mark.parametrize("bad", [{"poisson_ratio": 0.6}, {"snapshot": "../x"}, {"speed": 1e-9}])
 def test_one_bad_value_keeps_all_of_them_out(tripod: Any, bad: dict[str, object]) -> None:
     before = tripod.get_parameter("young_modulus")
     assert not tripod.set_parameters(mesh_rate=7.0, young_modulus=99.0e3, **bad)[0]
