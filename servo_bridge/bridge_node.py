@@ -6,15 +6,13 @@ import sys
 import threading
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -31,14 +29,17 @@ from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
 from servo_bridge.inputs import command_values, joint_positions
 from servo_bridge.lifecycle import GuardedLifecycleNode
+from servo_bridge.parameters import BridgeSettings
 from servo_bridge.ports import find_again, find_port, stable_name
-from servo_bridge.process import run_node
 from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
 from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
 
 Values = TypeVar("Values")
 
@@ -69,7 +70,10 @@ class ServoBridge(GuardedLifecycleNode):
         self, *, scene: RobotDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
     ) -> None:
         super().__init__(node_name, **node_kwargs)
-        parameters.declare(self)
+        self._live = LiveParameters(
+            self, BridgeSettings(), check=self._check_parameters, apply=self._apply_parameters
+        )
+        parameters.check(self._live.values)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
         self._e_stop = EStop()  # outside that lock
@@ -93,11 +97,9 @@ class ServoBridge(GuardedLifecycleNode):
             DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
         )
         self._imu: Publisher = self.create_publisher(Imu, "imu", QoSProfile(depth=10))
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
-        self._recovery.want(parameters.read(self).autostart, time.monotonic(), wait=False)
+        self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
         self._e_stop_services = EStopServices(self, self._e_stop)
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
@@ -169,7 +171,7 @@ class ServoBridge(GuardedLifecycleNode):
         super().destroy_node()
 
     def _configure(self) -> None:
-        settings = parameters.read(self)
+        settings = self._live.values
         assembled = assemble(settings, self._scene, self._e_stop, self._on_tilt)
         driver = assembled.driver
         self._imu_frame, self._calibration = assembled.imu_frame, assembled.calibration
@@ -217,7 +219,7 @@ class ServoBridge(GuardedLifecycleNode):
             if not self._sending or driver is None:
                 return
             self._sending = False
-            timeout_s = parameters.read(self).settle_timeout
+            timeout_s = self._live.values.settle_timeout
             if writer is None or not driver.begin_settling(timeout_s):
                 driver.stand_by()
                 return
@@ -234,7 +236,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._stop_sending()
             self._stop_writer()
             if self._driver is not None:
-                self._driver.disconnect(relax=parameters.read(self).relax_at_end)
+                self._driver.disconnect(relax=self._live.values.relax_at_end)
             if not self._closed:
                 self._release_topics()
 
@@ -358,7 +360,7 @@ class ServoBridge(GuardedLifecycleNode):
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
                 return False
         elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
-            settings = parameters.read(self)
+            settings = self._live.values
             try:
                 port = find_again(settings.port, self._stable_port)
                 self._open(self._driver, port, settings.open_wait_s)
@@ -422,28 +424,33 @@ class ServoBridge(GuardedLifecycleNode):
 
     # Parameters
 
-    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, names: frozenset[str], settings: BridgeSettings) -> None:
         configured = self.lifecycle_state in ("inactive", "active")
-        reason = parameters.refusal(changes, configured)
-        return SetParametersResult(successful=not reason, reason=reason)
+        parameters.check(settings, names, configured=configured)
 
-    def _apply_parameters(self, changes: list[Parameter]) -> None:
+    def _apply_parameters(self, _: frozenset[str], settings: BridgeSettings) -> None:
         with self._lock:
             if self._driver is not None:
-                settings = parameters.read(self)
                 self._driver.avoid_byte_100 = settings.avoid_byte_100
                 self._driver.set_timing(settings.motion)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the bridge until Ctrl-C or SIGTERM; the servos end in the safe pose.
+PROGRAM = Program(
+    name="servo_bridge",
+    about="Writes a robot's joint angles as servo packets to a serial port, through limits and ramps.",
+    settings=(BridgeSettings(),),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the bridge until a signal or the end of its parent; the servos end in the safe pose.
 
     Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
 
     Returns:
-        Exit code: 0 after a normal end, 2 for a parameter that cannot be used.
+        Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.
     """
-    return run_node(lambda: ServoBridge(namespace=parameters.robot_namespace()), args)
+    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace()), args)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,9 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from softsim_ros.environment import MixedRosError, prepare_environment
-from softsim_ros.interrupts import put_off_in_callbacks
+from softsim_core.errors import SoftSimError
+from softsim_node.ending import ending
+from softsim_node.environment import prepare_environment
 
 
 class Command(NamedTuple):
@@ -100,12 +101,11 @@ def main(words: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 done, 1 an error that was said in one sentence, 2 wrong usage, 130 interrupted.
     """
-    from softsim_core.errors import SoftSimError
-
-    put_off_in_callbacks()
+    ending.watch()
     try:
-        return _dispatch(sys.argv[1:] if words is None else words)
-    except (SoftSimError, MixedRosError) as error:
+        with ending.interruptible():
+            return _dispatch(sys.argv[1:] if words is None else words)
+    except SoftSimError as error:
         print(f"softsim: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -114,3 +114,5 @@ def main(words: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `softsim topics | head`
         sys.stderr.close()
         return 0
+    finally:
+        ending.over()

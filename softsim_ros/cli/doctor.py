@@ -19,7 +19,7 @@ CHECKS = (
     house.configs,
     ros.client,
     ros.mixture,
-    ros.discovery,
+    ros.reach,
     ros.log_folder,
     ros.shared_memory,
     ports.board,

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -18,11 +19,23 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
-from softsim_ros.runtime import declare_number
+from softsim_node.parameters import LiveParameters, parameter
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 LOOK_PERIOD_S = 0.1
 """Whether a pull has timed out is looked at this often, in [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PullSettings:
+    """Values of the parameters."""
+
+    pull_timeout: float = parameter(
+        0.5, "A pull is let go when it was not sent again for so long", unit="s", within=(0.01, 60.0)
+    )
+    pull_limit: float = parameter(
+        10.0, "Largest force of a pull; a stronger one is shortened", unit="N", within=(0.0, 1.0e6)
+    )
 
 
 class Pulls:
@@ -38,25 +51,15 @@ class Pulls:
     """
 
     def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
-        self._node, self._physics, self._warn = node, physics, warn
-        declare_number(
-            node,
-            "pull_timeout",
-            0.5,
-            "A pull is let go when it was not sent again for so long, in s",
-            0.01,
-            60.0,
-        )
-        declare_number(
-            node, "pull_limit", 10.0, "Largest force of a pull in N; a stronger one is shortened", 0.0, 1.0e6
-        )
+        self._physics, self._warn = physics, warn
+        self._live = LiveParameters(node, PullSettings())
         self._heard_at: float | None = None
         node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
         node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force = message.wrench.force
-        limit = float(self._node.get_parameter("pull_limit").value)
+        limit = self._live.values.pull_limit
 
         def pull(simulation: Simulation) -> None:
             wanted = limited_force((force.x, force.y, force.z), limit)
@@ -72,7 +75,7 @@ class Pulls:
             self._heard_at = time.monotonic()
 
     def _look(self) -> None:
-        timeout = float(self._node.get_parameter("pull_timeout").value)
+        timeout = self._live.values.pull_timeout
         if self._heard_at is not None and time.monotonic() - self._heard_at > timeout:
             self._heard_at = None
             with suppress(SoftSimError):

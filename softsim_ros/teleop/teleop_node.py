@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 import sys
 import time
 from array import array
@@ -20,10 +19,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.scene import RobotDescription, load_scene
 from softsim_core.scene.control import Action
-from softsim_ros.runtime import ClosableNode, declare_number, declare_text, parameter_probe, run_node
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.teleop.bridge_link import BridgeLink
 from softsim_ros.teleop.commands import (
-    REPEAT_INTERVAL_S,
     CallAction,
     Effect,
     PublishCommand,
@@ -32,10 +33,11 @@ from softsim_ros.teleop.commands import (
 )
 from softsim_ros.teleop.decoder import KeyPress
 from softsim_ros.teleop.display import View
-from softsim_ros.teleop.goal import GOAL_STEP_M, PublishGoal
+from softsim_ros.teleop.goal import PublishGoal
 from softsim_ros.teleop.held_output import HeldOutput
 from softsim_ros.teleop.inverse_link import InverseLink
 from softsim_ros.teleop.loop import ready_callbacks, run_teleop
+from softsim_ros.teleop.parameters import TeleopSettings, requested_robot
 from softsim_ros.teleop.services import AsyncService
 from softsim_ros.teleop.simulator_link import SimulatorLink
 from softsim_ros.teleop.state import (
@@ -51,7 +53,6 @@ from softsim_ros.teleop.terminal import RawTerminal
 from softsim_ros.teleop.tilt import PublishTilt
 from softsim_ros.teleop.tilt_link import TiltLink
 
-DEFAULT_ROBOT = "tripod"
 HOLD_INTERVAL_S = 0.2
 """On a robot without simulator the newest command is repeated after this long, in [s]."""
 _NEWEST_ONLY = QoSProfile(depth=1)  # reliable, volatile
@@ -77,18 +78,7 @@ class Teleop(ClosableNode):
 
     def __init__(self, robot: RobotDescription, name: str = "teleop", **node_options: Any) -> None:
         super().__init__(name, **{"namespace": robot.name, **node_options})
-        declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
-        declare_number(
-            self,
-            "repeat_interval",
-            REPEAT_INTERVAL_S,
-            "shortest time between two steps of one held key [s]",
-            0.02,
-            2.0,
-        )
-        declare_number(
-            self, "goal_step", GOAL_STEP_M, "how far a key moves the goal of inverse control [m]", 1e-5, 0.05
-        )
+        self._live = LiveParameters(self, TeleopSettings(robot=robot.name))
         self.robot = robot
         self.state = TeleopState(message=unknown_keys(robot) or "")
         self.quit_requested = False
@@ -132,8 +122,7 @@ class Teleop(ClosableNode):
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
         self._follow(now)
         self._keys.publish(String(data=key.name))
-        interval = float(self.get_parameter("repeat_interval").value)
-        step = float(self.get_parameter("goal_step").value)
+        interval, step = self._live.values.repeat_interval, self._live.values.goal_step
         self.state, effects = press(self.state, self.robot, key, now, interval, step)
         self.carry_out(effects, now)
 
@@ -296,16 +285,10 @@ class Teleop(ClosableNode):
             self.set_status(f"{child}: {' '.join(message.msg.split())}")
 
 
-def requested_robot() -> str:
-    """The parameter `robot` given to this process, read before the node takes its namespace from it."""
-    with parameter_probe("teleop", namespace=DEFAULT_ROBOT) as probe:
-        return declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
-
-
 def drive(node: Teleop) -> None:
     """Keys and display in this terminal until a person or a signal ends it.
 
-    SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order.
+    SIGINT, SIGTERM and SIGHUP end its loop in order, see `softsim_node.ending`.
 
     Raises:
         NoTerminalError: this terminal cannot be used.
@@ -313,15 +296,22 @@ def drive(node: Teleop) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+        with HeldOutput(), RawTerminal(signals=()) as terminal:
             run_teleop(node, terminal, lambda: ready_callbacks(executor))
     finally:
         executor.shutdown(timeout_sec=0)
 
 
+PROGRAM = Program(
+    name="teleop",
+    about="Drives a robot from this terminal's keys.",
+    settings=(TeleopSettings(),),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the teleop in this terminal; returns the exit code."""
-    return run_node(lambda: Teleop(load_scene(requested_robot())), args, drive)
+    return run_node(PROGRAM, lambda _: Teleop(load_scene(requested_robot())), args, drive)
 
 
 if __name__ == "__main__":

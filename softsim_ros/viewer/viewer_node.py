@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import secrets
 import sys
 import threading
@@ -20,8 +19,12 @@ from softsim_core.scene import known_scenes, load_yaml
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.portable import without_contents
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.runtime import run_node
+from softsim_node.ending import ending
+from softsim_node.help import Program
+from softsim_node.parameters import declare
+from softsim_node.process import run_node
 from softsim_ros.teleop.loop import ready_callbacks
+from softsim_ros.teleop.parameters import TeleopSettings
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
@@ -53,7 +56,7 @@ class Viewer(PageNode):
 
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
-        self._settings = settings = settings.declare(self)
+        self._settings = settings = declare(self, settings)
         token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
@@ -79,11 +82,6 @@ class Viewer(PageNode):
     def address(self) -> str:
         """What a person opens in a browser."""
         return self._server.rule.address
-
-    @property
-    def is_orphan(self) -> bool:
-        """Whether the program that started this one has ended, however."""
-        return self._settings.parent not in (0, os.getppid())
 
     def close(self) -> None:
         """Close the page and end the node; a second call does nothing."""
@@ -154,13 +152,13 @@ class Viewer(PageNode):
 
 
 def serve(node: Viewer) -> None:
-    """Frames until the context shuts down; callbacks are taken once a frame, so old messages cost nothing."""
+    """Frames until the process shall end; callbacks are taken once a frame, so old messages cost nothing."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     pause = threading.Event()
     due = time.monotonic()
     try:
-        while node.context.ok() and not node.is_orphan:
+        while node.context.ok() and not ending.asked:
             ready_callbacks(executor)
             now = time.monotonic()
             node.frame(now)
@@ -197,9 +195,16 @@ def announced_viewer() -> Viewer:
     return node
 
 
+PROGRAM = Program(
+    name="viewer",
+    about="Shows a robot in a web page, and drives it from there.",
+    settings=(TeleopSettings(), ViewerSettings()),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Serve the page until Ctrl-C or SIGTERM; returns the exit code."""
-    return run_node(announced_viewer, args, serve)
+    return run_node(PROGRAM, lambda _: announced_viewer(), args, serve)
 
 
 if __name__ == "__main__":

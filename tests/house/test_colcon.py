@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = {"softsim_core", "softsim_ros", "servo_bridge", "softsim_bringup"}
+PACKAGES = {"softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "softsim_bringup"}
 EXECUTABLES = {
     "softsim_ros": {"simulator", "teleop", "softsim"},
     "servo_bridge": {"servo_bridge", "virtual_board", "emulated_board"},
@@ -31,7 +31,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     if shutil.which("colcon", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}") is None:
         pytest.skip("colcon is not installed (pip install 'softsim[colcon]')")
     checkout = tmp_path_factory.mktemp(request.param)
-    for name in ("ros2_ws", "softsim_core", "softsim_ros", "servo_bridge", "configs"):
+    for name in ("ros2_ws", "softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "configs"):
         skipped = shutil.ignore_patterns("__pycache__", "build", "install", "log")
         shutil.copytree(REPOSITORY / name, checkout / name, symlinks=True, ignore=skipped)
     mode = ["--symlink-install"] if request.param == "symlinked" else []
@@ -45,7 +45,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 packages finished" in done.stdout
+    assert "5 packages finished" in done.stdout
     return checkout / "ros2_ws"
 
 

@@ -14,7 +14,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 WORKSPACE = REPOSITORY / "ros2_ws" / "src"
-PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 ROSDEP = {
     "numpy": "python3-numpy", "scipy": "python3-scipy", "numba": "python3-numba", "meshio": "python3-meshio",
     "yaml": "python3-yaml", "serial": "python3-serial",

@@ -85,10 +85,10 @@ def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch
 
 
 def test_an_open_network_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    assert ros.discovery()[0].level is Level.WARNING
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    assert ros.discovery()[0].level is Level.OK
+    monkeypatch.setenv("SOFTSIM_DISCOVERY_RANGE", "SUBNET")
+    assert ros.reach()[0].level is Level.WARNING
+    monkeypatch.delenv("SOFTSIM_DISCOVERY_RANGE")
+    assert ros.reach()[0].level is Level.OK
 
 
 def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ import pytest
 from softsim_core.scene.robot import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 
 ROS = (
     "rclpy",
@@ -40,7 +40,8 @@ ROS = (
 )
 
 FORBIDDEN = {
-    "softsim_core": ("softsim_ros", "servo_bridge", "serial", "rich", *ROS),
+    "softsim_core": ("softsim_node", "softsim_ros", "servo_bridge", "serial", "rich", *ROS),
+    "softsim_node": ("softsim_ros", "servo_bridge"),
     "servo_bridge": ("softsim_ros",),
     "softsim_ros": (),
 }
