@@ -17,7 +17,13 @@ from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
-from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
 from rclpy.node import Node
 
 from softsim_core.errors import SoftSimError
@@ -27,6 +33,9 @@ from softsim_ros.interrupts import put_off_in_callbacks
 
 SPIN_PERIOD_S = 0.1
 """How long one look for work lasts: the longest time a stop flag goes unseen, in [s]."""
+
+
+_CALLBACKS_AT_ONCE = 32
 
 
 class ParameterError(SoftSimError, ValueError):
@@ -103,6 +112,19 @@ def serve_once(executor: Executor, timeout_s: float) -> None:
     """Serve one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
     with outliving(executor):
         executor.spin_once(timeout_sec=timeout_s)
+
+
+def ready_callbacks(executor: Executor) -> None:
+    """Run the callbacks that are ready now, at most a few dozen, without waiting."""
+    for _ in range(_CALLBACKS_AT_ONCE):
+        try:
+            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+        except TimeoutException:
+            return
+        with outliving(executor):
+            handler()
+            if (error := handler.exception()) is not None:
+                raise error
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
+from softsim_ros.client.services import AsyncService
 from softsim_ros.messages import diagnostic_values
-from softsim_ros.teleop.services import AsyncService
 
 NAME = "inverse_controller"
 

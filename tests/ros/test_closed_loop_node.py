@@ -26,10 +26,10 @@ from softsim_core.inverse.tilts import tilt_rotation, tilts_of  # noqa: E402
 from softsim_core.mechanics.pose import quaternion_of, rotation_of  # noqa: E402
 from softsim_core.scene import load_scene  # noqa: E402
 from softsim_ros.inverse.closed_loop_node import ClosedLoop  # noqa: E402
+from softsim_ros.keys.names import KeyPress  # noqa: E402
 from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
 from softsim_ros.messages.diagnostics import OK  # noqa: E402
 from softsim_ros.runtime import SpinThread  # noqa: E402
-from softsim_ros.teleop.decoder import KeyPress  # noqa: E402
 from softsim_ros.teleop.teleop_node import Teleop  # noqa: E402
 
 
@@ -178,8 +178,8 @@ def test_keys_of_the_teleop_turn_the_reference(
 
             def knows_both() -> bool:
                 client.publish("/diagnostics", on)
-                teleop.view(time.monotonic())
-                return teleop.state.inverse and teleop.state.tilt is not None
+                state = teleop.client.state
+                return state.inverse and state.tilt is not None
 
             assert spin_until(knows_both)
             for name in ("up", "plus"):
