@@ -220,7 +220,7 @@ class PathFollower(RobotNode):
             self._attempt_start()
         elif not is_on and self._player.state in ("running", "paused"):
             self._player.stop()
-            self._warn("stopped: the inverse controller was switched off")
+            self._warn("stopped: the inverse controller was switched off, or has ended")
 
     # --- messages -------------------------------------------------------------------------------------
 

@@ -75,7 +75,7 @@ class Replay(ClosableNode):
         self._serves, self._looks = RateGate(LOOK_PERIOD_S), RateGate(RIVAL_PERIOD_S)
         self.sent = 0
         try:
-            self._topics = replay_source.command_topics(bag) if commands_only else _replayed(bag)
+            self._topics = replay_source.command_topics(bag) if commands_only else whole_topics(bag)
             if start_s > bag.duration_s or not self._topics:
                 raise BagError(
                     bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
@@ -216,7 +216,7 @@ class Replay(ClosableNode):
         return SetParametersResult(successful=True)
 
 
-def _replayed(bag: Bag) -> list[str]:
-    """The topics of a whole replay: not the state of nodes, which do not run."""
+def whole_topics(bag: Bag) -> list[str]:
+    """The topics of a whole replay: not those by which nodes said their state, for they do not run."""
     left_out = {bag.topic(name) for name in STATE_TOPICS}
     return [topic for topic in bag.topics if topic not in left_out]

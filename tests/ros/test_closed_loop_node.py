@@ -29,6 +29,7 @@ from softsim_ros.inverse.closed_loop_node import ClosedLoop  # noqa: E402
 from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
 from softsim_ros.messages.diagnostics import OK  # noqa: E402
 from softsim_ros.runtime import SpinThread  # noqa: E402
+from softsim_ros.state_listener import StateListener  # noqa: E402
 from softsim_ros.teleop.decoder import KeyPress  # noqa: E402
 from softsim_ros.teleop.teleop_node import Teleop  # noqa: E402
 
@@ -145,6 +146,10 @@ def test_a_broken_sensor_holds_the_command(start_loop: Any, client: Any, spin_un
     assert loop._said == ""
 
 
+def loop_reference(loop: ClosedLoop) -> Any:
+    return pytest.approx(tuple(loop._loop.reference))
+
+
 @pytest.mark.slow
 def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: Any) -> None:
     loop, plate = start_loop(enabled=True)
@@ -157,6 +162,9 @@ def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: A
     assert loop._loop.reference.tolist() == [0.1, 0.05]
     client.publish("effector_reference", good)
     assert spin_until(lambda: loop._loop.reference == pytest.approx([0.2, 0.1]))
+    told = {name: StateListener(client.node, f"closed_loop/{name}") for name in ("enabled", "reference")}
+    assert spin_until(lambda: told["enabled"].value is True and told["reference"].value is not None)
+    assert spin_until(lambda: (told["reference"].value.x, told["reference"].value.y) == loop_reference(loop))
     assert keep_measuring(plate, spin_until, lambda: plate.goals)
     assert plate.goals[-1].pose.position.z == pytest.approx(0.06)
 
