@@ -8,14 +8,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
-from geometry_msgs.msg import Point, PointStamped, PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import MultiDOFJointState
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.arrays import Array
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.messages import header
+from softsim_ros.messages import base_target, header
 from softsim_ros.teleop.commands import move_joint
 from softsim_ros.teleop.decoder import KeyPress
 from softsim_ros.teleop.goal import PublishGoal
@@ -62,7 +63,7 @@ class Commander(Teleop):
         self._reload = AsyncService(self, Trigger, "simulator/reload", 60.0)
         self._e_stop = AsyncService(self, Trigger, "servo_bridge/e_stop")
         self._clear = AsyncService(self, Trigger, "servo_bridge/clear_e_stop")
-        self._bases = self.create_publisher(PointStamped, "base_target", _NEWEST_ONLY)
+        self._bases = self.create_publisher(MultiDOFJointState, "base_target", _NEWEST_ONLY)
         self._wrenches = self.create_publisher(WrenchStamped, "external_wrench", _NEWEST_ONLY)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, _NEWEST_ONLY)
 
@@ -173,9 +174,8 @@ class Commander(Teleop):
 
     def move_base(self, joint: str, position_mm: Array) -> None:
         """Have the base of a joint go to a position (3,) in [mm]."""
-        x, y, z = (position_mm / MM).tolist()
-        stamp = header(self.get_clock().now().to_msg(), joint)
-        self._bases.publish(PointStamped(header=stamp, point=Point(x=x, y=y, z=z)))
+        stamp = self.get_clock().now().to_msg()
+        self._bases.publish(base_target(stamp, joint, (position_mm / MM).tolist()))
 
     def send_pull(self, pull: Pull | None, points: NDArray[Any], now: float) -> None:
         """Send the force of a pull that is held, now and then.
