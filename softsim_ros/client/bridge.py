@@ -5,19 +5,15 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from lifecycle_msgs.msg import State, Transition, TransitionEvent
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softsim_ros.client.known import Known
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, unheeded
 from softsim_ros.client.state import BridgeState
-from softsim_ros.qos import EVERY_ONE
-
-POLL_INTERVAL_S: Final = 1.0
-STATE_WITHIN_S: Final = 2.5
-"""Silence in [s] after which the bridge counts as gone: discovery forgets a killed process much later."""
+from softsim_ros.state_listener import StateListener
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",
@@ -29,7 +25,7 @@ STATES: Final[dict[int, BridgeState]] = {
 
 
 class Bridge:
-    """Follows `servo_bridge` by its transition events and a slow poll; changes its state on request.
+    """Follows `servo_bridge` by its state topics; changes its state on request.
 
     Args:
         node: The node whose executor delivers the answers.
@@ -38,12 +34,11 @@ class Bridge:
 
     def __init__(self, node: Node, known: Known) -> None:
         self._known = known
-        self._get = AsyncService(node, GetState, "servo_bridge/get_state", STATE_WITHIN_S)
         self._change = AsyncService(node, ChangeState, "servo_bridge/change_state")
         self._stop = Request(node, Trigger, "servo_bridge/e_stop", "servo bridge", known.say)
         self._clear = Request(node, Trigger, "servo_bridge/clear_e_stop", "servo bridge", known.say)
-        node.create_subscription(TransitionEvent, "servo_bridge/transition_event", self._on_event, EVERY_ONE)
-        self._next_poll = 0.0
+        StateListener(node, "servo_bridge/state", self._on_state)
+        StateListener(node, "servo_bridge/e_stop_latched", self._on_e_stop)
         self._name = self._change.full_name.rsplit("/", 1)[0]
 
     # --- actions --------------------------------------------------------------------------------------
@@ -90,16 +85,15 @@ class Bridge:
     # --- its state ------------------------------------------------------------------------------------
 
     def poll(self, now: float) -> None:
-        """Look for the bridge and ask for its state now and then; `now` is a steady clock in [s]."""
-        for service in (self._get, self._change, self._stop, self._clear):
+        """Give up calls that have waited too long; `now` is a steady clock in [s]."""
+        for service in (self._change, self._stop, self._clear):
             service.expire(now)
-        if now < self._next_poll or self._get.is_busy:
-            return
-        self._next_poll = now + POLL_INTERVAL_S
-        if self._get.is_there:
-            self._get.call(GetState.Request(), now, self._on_answer)
-        else:
-            self._see("not running")
+
+    def _on_state(self, state: State | None) -> None:
+        self._known.change(bridge="not running" if state is None else STATES.get(state.id, "changing"))
+
+    def _on_e_stop(self, latched: bool | None) -> None:
+        self._known.change(e_stopped=bool(latched))
 
     def _cannot_change(self, done: Done) -> bool:
         """Say why no transition can be asked for, where it cannot."""
@@ -125,7 +119,6 @@ class Bridge:
         )
 
     def _on_changed(self, transition: int, answer: ChangeState.Response | None, done: Done) -> None:
-        self._next_poll = 0.0
         if answer is None:
             self._end(False, f"the servo bridge did not answer ({self._name}/change_state)", done)
         elif not answer.success:
@@ -134,19 +127,6 @@ class Bridge:
             self._request(Transition.TRANSITION_ACTIVATE, done)
         else:
             self._end(True, _DONE[transition], done)
-
-    def _on_event(self, event: TransitionEvent) -> None:
-        self._see(STATES.get(event.goal_state.id, "changing"))
-
-    def _on_answer(self, answer: GetState.Response | None) -> None:
-        if answer is not None:
-            self._see(STATES.get(answer.current_state.id, "changing"))
-        elif not self._change.is_busy:  # a bridge that opens its port answers late
-            self._see("not running")
-
-    def _see(self, state: BridgeState) -> None:
-        if state != self._known.state.bridge:
-            self._known.change(bridge=state)
 
 
 _ASKED = {

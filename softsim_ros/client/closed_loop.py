@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
-from typing import Final
-
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
@@ -13,9 +9,7 @@ from softsim_ros.client.known import Known
 from softsim_ros.client.services import Done, Outcome, unheeded
 from softsim_ros.client.state import Tilt
 from softsim_ros.qos import NEWEST_ONLY
-
-SILENT_AFTER_S: Final = 3.5
-"""A closed loop without a report for this long, in [s], has ended."""
+from softsim_ros.state_listener import StateListener
 
 
 class ClosedLoop:
@@ -29,7 +23,8 @@ class ClosedLoop:
     def __init__(self, node: Node, known: Known) -> None:
         self._known, self._clock = known, node.get_clock()
         self._references = node.create_publisher(Vector3Stamped, "tilt_reference", NEWEST_ONLY)
-        self._reported_at = -math.inf
+        self._enabled = StateListener(node, "closed_loop/enabled", self._on_change)
+        self._reference = StateListener(node, "closed_loop/reference", self._on_change)
 
     def refer(self, reference: Tilt, done: Done = unheeded) -> None:
         """Give the loop a reference; refused while it is off."""
@@ -44,13 +39,9 @@ class ClosedLoop:
         self._references.publish(message)
         done(Outcome(True, ""))
 
-    def poll(self, now: float) -> None:
-        """Notice that it has ended; `now` is a steady clock in [s]."""
-        if self._known.state.tilt is not None and now - self._reported_at > SILENT_AFTER_S:
-            self._known.change(tilt=None)
-
-    def take(self, reference: Tilt | None) -> None:
-        """Take what the loop reports; references go on from the one it had when it was seen to go on."""
-        self._reported_at = time.monotonic()
-        if (reference is None) != (self._known.state.tilt is None):
-            self._known.change(tilt=reference)
+    def _on_change(self, _: object) -> None:
+        """References go on from the one that the loop had when it was seen to go on."""
+        told = self._reference.value
+        is_on = bool(self._enabled.value) and told is not None
+        if is_on != (self._known.state.tilt is not None):
+            self._known.change(tilt=Tilt(told.x, told.y) if is_on else None)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
@@ -14,17 +12,11 @@ from std_srvs.srv import SetBool
 
 from softsim_ros.client.goals import format_point, moved_goal
 from softsim_ros.client.known import Known
-from softsim_ros.client.reports import InverseReport
 from softsim_ros.client.services import Done, Outcome, Request, unheeded
 from softsim_ros.client.state import STALE_AFTER_S, EffectorPose, with_inverse
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import NEWEST_ONLY
-
-SILENT_AFTER_S: Final = 3.5
-"""A controller without a report for this long, in [s], has ended."""
-
-UNSURE_FOR_S: Final = 0.5
-"""For this long after a switch, in [s], a report may still be from before it."""
+from softsim_ros.state_listener import StateListener
 
 
 class Inverse:
@@ -43,7 +35,8 @@ class Inverse:
         self._known, self._clock = known, node.get_clock()
         self._enable = Request(node, SetBool, "inverse_controller/enable", "inverse control", known.say)
         self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
-        self._measured_at = self._reported_at = self._switched_at = -math.inf
+        self._measured_at, self._tells_why = -math.inf, False
+        StateListener(node, "inverse_controller/enabled", self._on_enabled)
         for topic, callback in (
             ("effector_pose", self._on_measured),
             ("inverse_controller/model_pose", self._on_model),
@@ -58,7 +51,6 @@ class Inverse:
 
         def switched() -> str:
             self._known.put(with_inverse(self._known.state, enabled))
-            self._switched_at = time.monotonic()
             return f"inverse control is {'on' if enabled else 'off'}"
 
         self._enable.ask(SetBool.Request(data=enabled), done, switched)
@@ -99,24 +91,24 @@ class Inverse:
     # --- what it does ---------------------------------------------------------------------------------
 
     def poll(self, now: float) -> None:
-        """Notice that it has ended; `now` is a steady clock in [s]."""
+        """Give up calls that have waited too long; `now` is a steady clock in [s]."""
         self._enable.expire(now)
-        known = self._known
-        if known.state.inverse and now - max(self._reported_at, self._switched_at) > SILENT_AFTER_S:
-            known.put(with_inverse(known.state, False))
-            known.say("inverse control has ended; the keys drive the joints again")
 
-    def take(self, report: InverseReport) -> None:
-        """Take a report of the controller."""
-        known, self._reported_at = self._known, time.monotonic()
-        if self._reported_at < self._switched_at + UNSURE_FOR_S:
+    def take_sentence(self, sentence: str) -> None:
+        """Take how the controller fares; after somebody else's switch it is said."""
+        if self._tells_why and sentence:
+            self._tells_why = False
+            self._known.say(sentence)
+        self._known.change(inverse_note=sentence if self._known.state.inverse else "")
+
+    def _on_enabled(self, enabled: bool | None) -> None:
+        if bool(enabled) == self._known.state.inverse:
             return
-        state = known.state
-        if report.is_on != state.inverse:
-            state = with_inverse(state, report.is_on)
-            if report.sentence:
-                known.say(report.sentence)
-        known.put(replace(state, inverse_note=report.sentence if report.is_on else ""))
+        self._known.put(with_inverse(self._known.state, bool(enabled)))
+        if enabled is None:
+            self._known.say("inverse control has ended; the keys drive the joints again")
+        else:
+            self._tells_why = not self._enable.is_busy
 
     def _on_measured(self, message: PoseStamped) -> None:
         self._measured_at = time.monotonic()

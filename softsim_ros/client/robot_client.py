@@ -52,7 +52,7 @@ class RobotClient:
         self.joints = Joints(node, known, lambda: self.simulator.is_there)
         self.simulator = Simulator(node, known, self.joints, self.inverse)
         self.bridge = Bridge(node, known)
-        self._reports = Reports(node, known, self.inverse.take, self.closed_loop.take)
+        self._reports = Reports(node, known, self.inverse.take_sentence)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(POLL_PERIOD_S, self._poll, clock=steady)
 
@@ -78,5 +78,5 @@ class RobotClient:
     def _poll(self) -> None:
         """Housekeeping: unanswered calls, silent nodes, a held command."""
         now = time.monotonic()
-        for part in (self.joints, self.simulator, self.bridge, self.inverse, self.closed_loop):
+        for part in (self.joints, self.simulator, self.bridge, self.inverse):
             part.poll(now)

@@ -110,6 +110,11 @@ class Request:
         """A server has been found."""
         return self._service.is_there
 
+    @property
+    def is_busy(self) -> bool:
+        """A call is under way."""
+        return self._service.is_busy
+
     def expire(self, now: float) -> None:
         """Give up a call that has waited too long; `now` is a steady clock in [s]."""
         self._service.expire(now)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from geometry_msgs.msg import Point, PointStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from sensor_msgs.msg import MultiDOFJointState
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_ros.client.inverse import Inverse
@@ -15,8 +16,9 @@ from softsim_ros.client.known import Known
 from softsim_ros.client.parameters import Parameters
 from softsim_ros.client.services import Done, Outcome, Request, unheeded
 from softsim_ros.client.wishes import INVERSE_OWNS
-from softsim_ros.messages import header
+from softsim_ros.messages import base_target, header
 from softsim_ros.qos import NEWEST_ONLY
+from softsim_ros.state_listener import StateListener
 
 RELOAD_WITHIN_S: Final = 60.0
 """A scene is loaded anew within this time in [s]; its kernels may have to be compiled."""
@@ -45,8 +47,13 @@ class Simulator:
         self._start, self._reset = request(Trigger, "start"), request(Trigger, "reset")
         self._pause, self._step = request(SetBool, "pause"), request(Trigger, "step")
         self._reload = request(Trigger, "reload", RELOAD_WITHIN_S)
-        self._bases = node.create_publisher(PointStamped, "base_target", NEWEST_ONLY)
+        self._bases = node.create_publisher(MultiDOFJointState, "base_target", NEWEST_ONLY)
         self._wrenches = node.create_publisher(WrenchStamped, "external_wrench", NEWEST_ONLY)
+
+        self._facts = [
+            StateListener(node, topic, self._on_change)
+            for topic in ("simulator/faulted", "simulator/paused", "replay/paused")
+        ]
 
     @property
     def is_there(self) -> bool:
@@ -140,12 +147,19 @@ class Simulator:
 
     def move_base(self, joint: str, position: Sequence[float]) -> None:
         """Have the base of a joint go to a position (3,) in [m] in the world."""
-        x, y, z = map(float, position)
-        stamp = header(self._clock.now().to_msg(), joint)
-        self._bases.publish(PointStamped(header=stamp, point=Point(x=x, y=y, z=z)))
+        self._bases.publish(base_target(self._clock.now().to_msg(), joint, position))
 
     def poll(self, now: float) -> None:
         """Give up calls that have waited too long, ask for parameters; `now` is a steady clock in [s]."""
         self.parameters.poll(now)
         for service in (self._start, self._reset, self._pause, self._step, self._reload):
             service.expire(now)
+
+    def _on_change(self, _: object) -> None:
+        """The simulator's state in a word; a replay stands in for a simulator that does not run."""
+        faulted, paused, replay = (fact.value for fact in self._facts)
+        if paused is None:
+            self._known.change(real_time_factor=None, enforce_limits=None, fault="", scene_error="")
+        stands = replay if paused is None else paused
+        word = "" if stands is None else "paused" if stands else "running"
+        self._known.change(simulator="stopped" if faulted else word)

@@ -14,9 +14,10 @@ from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
@@ -88,6 +89,7 @@ class InverseControl(RobotNode):
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
+        self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
         self.get_logger().info(f"ready to control {robot.name}; call ~/enable")
 
     def close(self) -> None:
@@ -104,6 +106,10 @@ class InverseControl(RobotNode):
         """The thread that owns the controller."""
         assert self._control is not None
         return self._control
+
+    @property
+    def _enabled(self) -> bool:
+        return self.control.is_alive and self.control.status.mode != "off"
 
     # --- the robot ------------------------------------------------------------------------------------
 
@@ -192,6 +198,7 @@ class InverseControl(RobotNode):
             response.success = True
         except SoftSimError as error:
             response.success, response.message = False, str(error)
+        self._state_topics.refresh()
         self._report()
         return response
 

@@ -18,8 +18,10 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
 from softsim_ros.messages.types import load_message
@@ -89,6 +91,7 @@ class Recorder(ClosableNode):
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
             if self._autostart:
                 self.begin()
+            StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
         except BaseException:
             self.close()
             raise
