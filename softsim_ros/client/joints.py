@@ -23,7 +23,7 @@ from softsim_ros.client.state import (
     with_heard_command,
     with_measurement,
 )
-from softsim_ros.client.wishes import GoToPose, MoveAll, MoveJoint, StepJoints, Wish, decide
+from softsim_ros.client.wishes import INVERSE_OWNS, GoToPose, MoveAll, MoveJoint, StepJoints, Wish, decide
 from softsim_ros.qos import NEWEST_ONLY
 
 HOLD_INTERVAL_S: Final = 0.2
@@ -87,13 +87,18 @@ class Joints:
         done(Outcome(decision.values is not None, decision.sentence))
 
     def follow(self, way_points: Sequence[tuple[float, Mapping[str, float]]], done: Done = unheeded) -> None:
-        """Have the simulator move joints along way points; a command ends it.
+        """Have the simulator move joints along way points, within their limits; a command ends it.
 
         Args:
             way_points: Times from the start in [s], with positions in [rad] or [m] by joint: the same joints
                 at each.
-            done: Called once they were sent.
+            done: Called with the end: they were sent, or why not.
         """
+        refusal = self._why_not_followed(way_points)
+        if refusal:
+            self._known.say(refusal)
+            done(Outcome(False, refusal))
+            return
         names = list(way_points[0][1])
         message = JointTrajectory(joint_names=names)
         message.points = [
@@ -105,6 +110,16 @@ class Joints:
         ]
         self._trajectories.publish(message)
         done(Outcome(True, ""))
+
+    def _why_not_followed(self, way_points: Sequence[tuple[float, Mapping[str, float]]]) -> str:
+        if self._known.state.inverse:
+            return INVERSE_OWNS
+        if not self.are_followed:
+            return "nothing moved: no simulator follows joint_trajectory here"
+        named = [set(positions) for _, positions in way_points]
+        if not named or not named[0] or any(names != named[0] for names in named):
+            return "nothing moved: give at least one way point, and positions of the same joints at each"
+        return ""
 
     @property
     def are_followed(self) -> bool:

@@ -49,6 +49,11 @@ class RobotSession:
         """Everything known of the robot now."""
         return self.client.state
 
+    @property
+    def is_running(self) -> bool:
+        """Whether ROS still runs in this process: no signal has ended it."""
+        return bool(self._spinner.executor.context.ok())
+
     def do(self, action: Callable[..., None], *arguments: Any) -> str:
         """Do something and wait for its end: `robot.do(robot.client.joints.go_to, "mid")`.
 

@@ -12,7 +12,6 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
@@ -30,14 +29,13 @@ from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import checked_feedback, declare_parameters, tuned
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.messages import pose_stamped
+from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
 MODEL_POSE_PERIOD_S = 0.05
-_NEWEST_ONLY = QoSProfile(depth=1)
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InverseControl(RobotNode):
@@ -69,7 +67,7 @@ class InverseControl(RobotNode):
         self._foreign_commands = 0
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
         self._commands = CommandsOut(self, self._on_foreign_command)
-        self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", _NEWEST_ONLY)
+        self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", NEWEST_ONLY)
         self._control = ControlThread(
             InverseController(robot, robot.inverse),
             robot.joints,
@@ -79,12 +77,12 @@ class InverseControl(RobotNode):
             self._ended,
         )
         self._control.feedback = start.feedback
-        self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
-        self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
-        self.create_subscription(Float64, "base_shift", self._on_base_shift, _LATCHED)
-        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, _NEWEST_ONLY)
-        self.create_subscription(Imu, "imu", self._on_imu, _NEWEST_ONLY)
-        self.create_subscription(PoseStamped, "effector_goal", self._on_goal, _NEWEST_ONLY)
+        self.create_subscription(JointState, "joint_states", self._on_joint_states, NEWEST_ONLY)
+        self.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+        self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
+        self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
+        self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
