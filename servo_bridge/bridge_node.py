@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -17,7 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray, String
 
 from servo_bridge import parameters
 from servo_bridge.assembly import assemble
@@ -33,6 +35,7 @@ from servo_bridge.parameters import BridgeSettings
 from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
+from servo_bridge.state_topics import StateTopics
 from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
@@ -55,7 +58,8 @@ class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
     Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
-    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz. Packets
+    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz; latched and
+    on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`, `~/commanded_by`. Packets
     leave from a thread of their own, at a fixed rate whatever the executor is busy with; it runs as long as
     the port is open, and looks at the e-stop for each packet. Services: the lifecycle ones, and `~/e_stop`,
     `~/clear_e_stop` on an executor of their own.
@@ -89,6 +93,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._calibration = ""
         self._imu_frame = ""
         self._source_subscription: Subscription | None = None
+        self._source_topic = ""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._applied: Publisher = self.create_publisher(
             JointState, "applied_joint_states", QoSProfile(depth=10)
@@ -100,12 +105,23 @@ class ServoBridge(GuardedLifecycleNode):
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
         self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
-        self._e_stop_services = EStopServices(self, self._e_stop)
+        self._state_topics = StateTopics(
+            self,
+            {
+                "~/state": (State, self.state_message),
+                "~/connected": (Bool, lambda: self._of_driver(lambda driver: driver.connected)),
+                "~/sending": (Bool, lambda: self._of_driver(lambda driver: driver.sending)),
+                "~/e_stop_latched": (Bool, lambda: Bool(data=self._e_stop.latched)),
+                "~/commanded_by": (String, lambda: String(data=self._commanded_by())),
+            },
+        )
+        self._e_stop_services = EStopServices(self, self._e_stop, self._state_topics.refresh)
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""
+        self._state_topics.refresh()
         with self._lock:
             try:
                 self._configure()
@@ -134,18 +150,21 @@ class ServoBridge(GuardedLifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go to the safe pose and stop sending; the port stays open."""
+        self._state_topics.refresh()
         self._recovery.give_up()
         self._stop_sending()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the port; the last pose sent stays known."""
+        self._state_topics.refresh()
         self._recovery.give_up()
         self._disconnect()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go to the safe pose and close the port, for good."""
+        self._state_topics.refresh()
         self._recovery.give_up()
         self._disconnect()
         return super().on_shutdown(state)
@@ -156,6 +175,14 @@ class ServoBridge(GuardedLifecycleNode):
         self._disconnect()
         return super().on_error(state)
 
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            return super()._on_change_state(request, response)
+        finally:
+            self._state_topics.refresh()
+
     def close(self) -> None:
         """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
         with self._lock:
@@ -163,6 +190,7 @@ class ServoBridge(GuardedLifecycleNode):
                 self._closed = True
                 self._recovery.give_up()
                 self._disconnect()
+                self._state_topics.refresh()
 
     def destroy_node(self) -> None:
         """Close, then destroy the node; the e-stop is served until the port is closed."""
@@ -191,6 +219,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._source_subscription = self.create_subscription(
                 JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1), raw=True
             )
+        self._source_topic = str(self._source_subscription.topic_name)
         self._trouble = ""
         self.get_logger().info(
             f"port {driver.port} open, source {settings.source}, calibration {self._calibration or 'none'};"
@@ -285,6 +314,16 @@ class ServoBridge(GuardedLifecycleNode):
         except CommandError as error:
             text = f"{topic}: {sentence(error)}"
             self.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
+
+    def _of_driver(self, fact: Callable[[ServoDriver], bool]) -> Bool:
+        driver = self._driver
+        return Bool(data=driver is not None and fact(driver))
+
+    def _commanded_by(self) -> str:
+        """The topic whose commands the servos follow now; empty: they hold, rest or are stopped."""
+        driver = self._driver
+        follows = driver is not None and driver.sending and driver.motion.mode == "track"
+        return self._source_topic if follows else ""
 
     # The writer's thread, which takes no lock of the node
 

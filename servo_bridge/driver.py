@@ -86,6 +86,7 @@ class ServoDriver(BoardPort):
     Attributes:
         takeover: Whether and why the board's pose has to be asked for before a pose is sent.
         settled: Set while the driver is not on the way to rest.
+        sending: Whether the last tick told the board a pose, or to hold.
 
     Raises:
         SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
@@ -137,6 +138,7 @@ class ServoDriver(BoardPort):
         self.takeover = Takeover()
         self.settled = threading.Event()
         self.settled.set()
+        self.sending = False
         self.sent_bytes: tuple[int, ...] | None = None
         self._wait = wait
         self._order = [self.joint_names.index(name) for name in self.servo_joints]
@@ -255,7 +257,9 @@ class ServoDriver(BoardPort):
         with self._lock:
             latched = self.motion.e_stop.latched
             try:
-                return self._tick(self._clock())
+                sent = self._tick(self._clock())
+                self.sending = sent is not None
+                return sent
             except PortError:
                 self._end_course()
                 raise
@@ -404,7 +408,7 @@ class ServoDriver(BoardPort):
         return packet.servo_bytes
 
     def _end_course(self) -> None:
-        self._course = "idle"
+        self._course, self.sending = "idle", False
         self.settled.set()
 
     def applied_angles(self) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,10 +25,11 @@ class EStopServices:
     Args:
         bridge: Gives the services their names, remapped as its own would be, and the log.
         e_stop: The latch.
+        changed: Called in that thread after it was set or cleared.
     """
 
-    def __init__(self, bridge: Node, e_stop: EStop) -> None:
-        self._e_stop, self._logger = e_stop, bridge.get_logger()
+    def __init__(self, bridge: Node, e_stop: EStop, changed: Callable[[], None]) -> None:
+        self._e_stop, self._logger, self._changed = e_stop, bridge.get_logger(), changed
         self._node = Node(
             f"{bridge.get_name()}_e_stop",
             context=bridge.context,
@@ -67,12 +69,14 @@ class EStopServices:
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()
         self._e_stop.wait_heeded(HEED_S)
+        self._changed()
         response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
         self._logger.warning(response.message)
         return response
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.clear()
+        self._changed()
         response.success, response.message = True, "e-stop cleared: the next command moves the servos"
         self._logger.info(response.message)
         return response

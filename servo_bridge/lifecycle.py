@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode
 
@@ -26,7 +27,12 @@ class GuardedLifecycleNode(LifecycleNode):
     @property
     def lifecycle_state(self) -> str:
         """Present lifecycle state: unconfigured, inactive, active, finalized, or a transition's."""
-        return str(self._state_machine.current_state[1])
+        return str(self.state_message().label)
+
+    def state_message(self) -> State:
+        """Present lifecycle state with its number."""
+        number, label = self._state_machine.current_state
+        return State(id=number, label=label)
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response

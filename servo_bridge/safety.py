@@ -82,6 +82,8 @@ class ServoMotion:
 
     Attributes:
         top_speed: Bound of every joint's speed in [rad/s] beside its own limit: the board's.
+        clipped: Commands beyond the limits; one that is repeated counts once, as joint states do that stay
+            outside (a simulated robot before its start animation).
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class ServoMotion:
         self.positions: tuple[float, ...] = self.rest
         self.velocities: tuple[float, ...] = (0.0,) * len(self.rest)
         self.clipped = 0
+        self._beyond: tuple[float, ...] | None = None  # newest command, where it was beyond the limits
         self._target: tuple[float, ...] | None = None
         self._command_time: float | None = None
         self._since = 0.0  # start of the present silence: last command, or start
@@ -158,7 +161,9 @@ class ServoMotion:
         target = tuple(limits.clamp(value) for limits, value in zip(self.limits, values, strict=True))
         if self._heed():
             return
-        self.clipped += target != tuple(values)
+        beyond = tuple(values) if target != tuple(values) else None
+        self.clipped += beyond is not None and beyond != self._beyond
+        self._beyond = beyond
         self._target, self._parked = target, False
         self._command_time = self._since = now
 

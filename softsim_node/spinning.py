@@ -6,7 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rclpy.executors import Executor, ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
 
 from softsim_node.ending import ending
 from softsim_node.sentences import sentence_of
@@ -16,6 +22,8 @@ SPIN_PERIOD_S = 0.1
 
 REFUSAL_PERIOD_S = 1.0
 """What fails in a callback is logged at most this often, in [s]."""
+
+_CALLBACKS_AT_ONCE = 32
 
 
 def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
@@ -37,6 +45,19 @@ def serve_once(executor: Executor, timeout_s: float) -> None:
     """Serve one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
     with outliving(executor):
         executor.spin_once(timeout_sec=timeout_s)
+
+
+def ready_callbacks(executor: Executor) -> None:
+    """Run the callbacks that are ready now, at most a few dozen, without waiting."""
+    for _ in range(_CALLBACKS_AT_ONCE):
+        try:
+            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+        except TimeoutException:
+            return
+        with outliving(executor):
+            handler()
+            if (error := handler.exception()) is not None:
+                raise error
 
 
 @contextmanager

@@ -232,10 +232,10 @@ class _Probe:
     def __enter__(self) -> _Probe:
         from rclpy.context import Context
         from rclpy.node import Node
-        from rclpy.qos import QoSProfile
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
 
+        from softsim_ros.qos import NEWEST_ONLY
         from softsim_ros.runtime import SpinThread
 
         self._context = Context()
@@ -243,7 +243,7 @@ class _Probe:
         self._node = Node("probe", context=self._context, namespace=NAMESPACE)
         self._message = Float64MultiArray
         self._publisher = self._node.create_publisher(
-            Float64MultiArray, "position_controller/commands", QoSProfile(depth=1)
+            Float64MultiArray, "position_controller/commands", NEWEST_ONLY
         )
         self._node.create_subscription(JointState, "joint_states", self._on_joint_states, 10)
         self._spinner = SpinThread([self._node], self._context)

@@ -171,8 +171,9 @@ class Listener:
         from shape_msgs.msg import Mesh
         from visualization_msgs.msg import Marker
 
+        from softsim_ros.qos import LATCHED
         from softsim_ros.runtime import SpinThread
-        from softsim_ros.simulator.publications import LATCHED, tf_message_type
+        from softsim_ros.simulator.publications import tf_message_type
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)

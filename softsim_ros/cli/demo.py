@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from softsim_ros.cli.grasp import Grasp, GraspResult
+    from softsim_ros.client.session import RobotSession
 
 PATIENCE_S = 60.0
 """The simulator must send something new within this time, in [s]."""
@@ -44,7 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_node.process import ros_process
     from softsim_ros.cli.grasp import ALLOWED_SLIP, NEEDED_LIFT, Grasp
     from softsim_ros.cli.one_at_a_time import only_one
-    from softsim_ros.runtime import SpinThread
+    from softsim_ros.client.robot_client import RobotClient
+    from softsim_ros.client.session import RobotSession
+    from softsim_ros.runtime import ClosableNode, SpinThread
     from softsim_ros.simulator.simulator_node import Simulator
 
     scene = load_scene(arguments.robot)
@@ -53,11 +56,13 @@ def run(arguments: argparse.Namespace) -> int:
     with only_one(scene.name), ros_process(), contextlib.ExitStack() as stack:
         simulator = Simulator(scene, parameter_overrides=parameters)
         stack.callback(simulator.close)
-        grasp = Grasp(simulator.get_namespace())
-        stack.callback(grasp.close)
+        node = ClosableNode("grasp", namespace=simulator.get_namespace())
+        stack.callback(node.close)
+        client = RobotClient(node, scene)
+        grasp = Grasp(node, client)
         stack.enter_context(SpinThread([simulator]))
-        stack.enter_context(SpinThread([grasp]))
-        if _play(grasp):
+        robot = RobotSession(client, stack.enter_context(SpinThread([node])))
+        if _play(grasp, robot):
             result = grasp.result()
     if result is None:
         return _unfinished()
@@ -82,7 +87,7 @@ def _unfinished() -> int:
     return 1
 
 
-def _play(grasp: Grasp) -> bool:
+def _play(grasp: Grasp, robot: RobotSession) -> bool:
     """Send the plan and watch until it is done; False when the simulator went silent, or on Ctrl-C."""
     from softsim_node.ending import ending
     from softsim_ros.cli.grasp import PLAN
@@ -90,13 +95,13 @@ def _play(grasp: Grasp) -> bool:
     phase, heard, heard_at = "", 0, time.monotonic()
     while grasp.elapsed < PLAN[-1].time_s:
         if grasp.is_ready and grasp.began is None:
-            grasp.begin()
+            robot.do(grasp.begin)
         if grasp.began is not None and grasp.phase != phase:
             phase = grasp.phase
             print(f"{phase} ...", flush=True)
         if len(grasp.samples) > heard:
             heard, heard_at = len(grasp.samples), time.monotonic()
-        elif time.monotonic() - heard_at > PATIENCE_S or ending.asked:
+        elif time.monotonic() - heard_at > PATIENCE_S or ending.asked or not robot.is_running:
             return False
         time.sleep(LOOK_PERIOD_S)
     return True

@@ -13,13 +13,13 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from softsim_node import discovery
 from softsim_node.ending import ending
 from softsim_node.process import ros_process
 from softsim_ros.cli.message_text import message_text
 from softsim_ros.messages.types import load_message
+from softsim_ros.qos import hearing_all
 
 SETTLED_S = 1.0
 """The graph counts as known when nothing new has appeared for this long."""
@@ -27,6 +27,8 @@ DISCOVERY_S = 4.0
 """Longest wait for the first sign of another node."""
 TURN_S = 0.1
 REPORT_S = 1.0
+KEPT = 10
+"""So many messages may wait to be printed."""
 
 OWN_NAME = "_softsim_topics"
 
@@ -108,23 +110,11 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
         return 1
     seen = _Echo(limit) if show else _Rate()
     raw = not show  # a rate needs no decoding
-    node.create_subscription(message_class, topic, seen, matching_qos(infos), raw=raw)
+    node.create_subscription(message_class, topic, seen, hearing_all(infos, KEPT), raw=raw)
     while not ending.asked and (count is None or seen.lines < count):
         _turn(node)
         seen.report()
     return 0
-
-
-def matching_qos(publishers: list[Any]) -> QoSProfile:
-    """A subscriber's QoS that hears all of these publishers, latched messages too where all latch."""
-    profiles = [info.qos_profile for info in publishers]
-    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
-    return QoSProfile(
-        depth=10,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-    )
 
 
 def _turn(node: Node) -> None:

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Pose, PoseArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import rotation_of
-from softsim_ros.runtime import ClosableNode
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.client.services import Done
+from softsim_ros.client.state import RobotState
+from softsim_ros.qos import EVERY_ONE, LATCHED
 
 LOWERED, LIFTED, CLOSED = -0.050, -0.020, 0.012
 """Where the slide goes to grasp and to hold, and how far the cables are pulled, in [m]."""
@@ -30,8 +30,6 @@ NEEDED_HOLD_S = 5.0
 CUBE, FLOOR = "cube", "floor"
 SETTLE_S = 0.5
 """The hold is measured from this time after the lift, in [s]."""
-
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class WayPoint(NamedTuple):
@@ -94,30 +92,30 @@ class GraspResult:
         )
 
 
-class Grasp(ClosableNode):
+class Grasp:
     """Sends the plan once and records what the topics tell about the cube.
 
     Args:
-        namespace: Namespace of the gripper's simulator.
+        node: The node whose executor delivers the messages.
+        client: The gripper.
     """
 
-    def __init__(self, namespace: str) -> None:
-        super().__init__("grasp", namespace=namespace)
+    def __init__(self, node: Node, client: RobotClient) -> None:
+        self._client = client
         self.samples: list[Sample] = []
         self.tension = 0.0
         self.began: float | None = None
         self._shapes: dict[str, tuple[int, Array]] = {}
-        self._names: list[str] = []
-        self._trajectories = self.create_publisher(JointTrajectory, "joint_trajectory", 1)
-        self.create_subscription(MarkerArray, "bodies/topology", self._on_topology, _LATCHED)
-        self.create_subscription(PoseArray, "bodies/poses", self._on_poses, 10)
-        self.create_subscription(JointState, "joint_states", self._on_joints, 10)
+        self._cables = [name.endswith("_cable") for name in client.robot.joint_names]
+        client.watch(self._on_change)
+        node.create_subscription(MarkerArray, "bodies/topology", self._on_topology, LATCHED)
+        node.create_subscription(PoseArray, "bodies/poses", self._on_poses, EVERY_ONE)
 
     @property
     def is_ready(self) -> bool:
         """Whether the simulator is heard and hears."""
-        heard = bool(self.samples) and bool(self._names)
-        return heard and self._trajectories.get_subscription_count() > 0
+        heard = bool(self.samples) and self._client.state.measured is not None
+        return heard and self._client.joints.are_followed
 
     @property
     def elapsed(self) -> float:
@@ -129,20 +127,12 @@ class Grasp(ClosableNode):
         """What the gripper does now."""
         return next((point.phase for point in PLAN if self.elapsed < point.time_s), "done")
 
-    def begin(self) -> None:
+    def begin(self, done: Done) -> None:
         """Send the plan: one trajectory of all joints."""
-        message = JointTrajectory(joint_names=self._names)
-        message.points = [
-            JointTrajectoryPoint(
-                positions=[_target(name, point) for name in self._names],
-                time_from_start=Duration(
-                    sec=int(point.time_s), nanosec=round(1e9 * (point.time_s - int(point.time_s)))
-                ),
-            )
-            for point in PLAN
-        ]
+        names = self._client.robot.joint_names
+        way_points = [(point.time_s, {name: _target(name, point) for name in names}) for point in PLAN]
         self.began = self.samples[-1].time_s
-        self._trajectories.publish(message)
+        self._client.joints.follow(way_points, done)
 
     def result(self) -> GraspResult:
         """What was measured until now."""
@@ -176,10 +166,9 @@ class Grasp(ClosableNode):
         centre = np.array([position.x, position.y, position.z])
         self.samples.append(Sample(time_s, centre, float(cube[:, 2].min() - floor[:, 2].max())))
 
-    def _on_joints(self, message: JointState) -> None:
-        self._names = list(message.name)
-        efforts = [e for name, e in zip(message.name, message.effort, strict=True) if name.endswith("_cable")]
-        self.tension = max(self.tension, *efforts)
+    def _on_change(self, state: RobotState) -> None:
+        pulls = (effort for effort, is_cable in zip(state.efforts, self._cables, strict=False) if is_cable)
+        self.tension = max(self.tension, *pulls, 0.0)
 
 
 def _target(joint: str, point: WayPoint) -> float:

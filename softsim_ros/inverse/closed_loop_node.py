@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, Vector3, Vector3Stamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
@@ -80,6 +82,13 @@ class ClosedLoop(RobotNode):
         self.create_timer(1.0, self._report, clock=steady)
         if start.enabled:
             self.enable(True)
+        StateTopics(
+            self,
+            {
+                "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
+                "~/reference": (Vector3, self._reference),
+            },
+        )
         self.get_logger().info(f"measures tilts on {self._source}; {'on' if self._enabled else 'off'}")
 
     def close(self) -> None:
@@ -98,6 +107,10 @@ class ClosedLoop(RobotNode):
         self._enabled = enabled
         waits = enabled and not self._loop.has_measure
         return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
+
+    def _reference(self) -> Vector3:
+        x, y = map(float, self._loop.reference)
+        return Vector3(x=x, y=y)
 
     # --- messages -------------------------------------------------------------------------------------
 

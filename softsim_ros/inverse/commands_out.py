@@ -8,17 +8,15 @@ from collections.abc import Callable
 from typing import Final
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from softsim_core.arrays import Array
+from softsim_ros.qos import NEWEST_ONLY
 
 TOPIC: Final = "position_controller/commands"
 REMEMBERED: Final = 256
 """Own commands that may still come back, newest last: some seconds of them."""
-
-_NEWEST_ONLY = QoSProfile(depth=1)
 
 
 class CommandsOut:
@@ -32,8 +30,8 @@ class CommandsOut:
     def __init__(self, node: Node, on_foreign: Callable[[], None]) -> None:
         self._on_foreign = on_foreign
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
-        self._publisher = node.create_publisher(Float64MultiArray, TOPIC, _NEWEST_ONLY)
-        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, _NEWEST_ONLY, raw=True)
+        self._publisher = node.create_publisher(Float64MultiArray, TOPIC, NEWEST_ONLY)
+        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, NEWEST_ONLY, raw=True)
 
     def publish(self, command: Array) -> None:
         """Send one position per joint, in [rad] or [m], shape (j,)."""

@@ -11,11 +11,11 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
@@ -31,13 +31,12 @@ from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.messages import pose_stamped
+from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
 MODEL_POSE_PERIOD_S = 0.05
-_NEWEST_ONLY = QoSProfile(depth=1)
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InverseControl(RobotNode):
@@ -75,7 +74,7 @@ class InverseControl(RobotNode):
         self._foreign_commands = 0
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
         self._commands = CommandsOut(self, self._on_foreign_command)
-        self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", _NEWEST_ONLY)
+        self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", NEWEST_ONLY)
         self._control = ControlThread(
             InverseController(robot, robot.inverse),
             robot.joints,
@@ -85,15 +84,16 @@ class InverseControl(RobotNode):
             self._ended,
         )
         self._control.feedback = start.feedback
-        self.create_subscription(JointState, "joint_states", self._on_joint_states, _NEWEST_ONLY)
-        self.create_subscription(JointState, "applied_joint_states", self._on_applied, _NEWEST_ONLY)
-        self.create_subscription(Float64, "base_shift", self._on_base_shift, _LATCHED)
-        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, _NEWEST_ONLY)
-        self.create_subscription(Imu, "imu", self._on_imu, _NEWEST_ONLY)
-        self.create_subscription(PoseStamped, "effector_goal", self._on_goal, _NEWEST_ONLY)
+        self.create_subscription(JointState, "joint_states", self._on_joint_states, NEWEST_ONLY)
+        self.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+        self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
+        self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
+        self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
+        self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
         self.get_logger().info(f"ready to control {robot.name}; call ~/enable")
 
     def close(self) -> None:
@@ -110,6 +110,10 @@ class InverseControl(RobotNode):
         """The thread that owns the controller."""
         assert self._control is not None
         return self._control
+
+    @property
+    def _enabled(self) -> bool:
+        return self.control.is_alive and self.control.status.mode != "off"
 
     # --- the robot ------------------------------------------------------------------------------------
 
@@ -198,6 +202,7 @@ class InverseControl(RobotNode):
             response.success = True
         except SoftSimError as error:
             response.success, response.message = False, str(error)
+        self._state_topics.refresh()
         self._report()
         return response
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
-from softsim_ros.messages import diagnostic_values
-from softsim_ros.teleop.services import AsyncService
+from softsim_ros.client.services import AsyncService
+from softsim_ros.state_listener import StateListener
 
 NAME = "inverse_controller"
 
@@ -26,16 +25,15 @@ class InverseSwitch:
         warn: Told a sentence when a call fails.
 
     Attributes:
-        is_on: Whether its last report said that it controls.
+        is_on: Whether it controls; not while it does not run.
     """
 
     def __init__(self, node: Node, changed: Callable[[bool], None], warn: Callable[[str], None]) -> None:
         self.is_on = False
         self._changed, self._warn = changed, warn
-        self._name = f"{node.get_namespace().strip('/')}/{NAME}".lstrip("/")
         self._enable = AsyncService(node, SetBool, f"{NAME}/enable")
         self._parameters = AsyncService(node, SetParametersAtomically, f"{NAME}/set_parameters_atomically")
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        StateListener(node, f"{NAME}/enabled", self._on_enabled)
 
     @property
     def service(self) -> str:
@@ -74,10 +72,7 @@ class InverseSwitch:
             request = SetParametersAtomically.Request(parameters=[parameter])
             self._parameters.call(request, time.monotonic(), on_answer)
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        mode = diagnostic_values(message, self._name).get("mode")
-        if mode is None:
-            return
-        was_on, self.is_on = self.is_on, mode != "off"
+    def _on_enabled(self, enabled: bool | None) -> None:
+        was_on, self.is_on = self.is_on, bool(enabled)
         if self.is_on != was_on:
             self._changed(self.is_on)

@@ -12,9 +12,10 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMessage
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from std_msgs.msg import Float64
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
@@ -78,6 +79,15 @@ class PathFollower(RobotNode):
         self._progress = self.create_publisher(Float64, "~/progress", 1)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+        StateTopics(
+            self,
+            {
+                "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
+                "~/playing": (Bool, lambda: Bool(data=self._player.state == "running")),
+                "~/paused": (Bool, lambda: Bool(data=self._player.state == "paused")),
+                "~/file": (String, lambda: String(data=self._played_file)),
+            },
+        )
         self.create_service(Trigger, "~/start", answers.trigger(self.start))
         self.create_service(SetBool, "~/pause", answers.switch(self.pause))
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))
@@ -159,6 +169,11 @@ class PathFollower(RobotNode):
         self._player.start(path)
         self._ticked_at = self._now()
 
+    @property
+    def _played_file(self) -> str:
+        """Name of the file whose path would be played; empty: none, or the path came as a message."""
+        return self._file if self._received is None else ""
+
     def _check_enabled(self) -> None:
         if not self._enabled:
             raise CommandError(f"the path follower is off; call {NODE_NAME}/enable with true first")
@@ -202,7 +217,7 @@ class PathFollower(RobotNode):
             self._attempt_start()
         elif not is_on and self._player.state in ("running", "paused"):
             self._player.stop()
-            self._warn("stopped: the inverse controller was switched off")
+            self._warn("stopped: the inverse controller was switched off, or has ended")
 
     # --- messages -------------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 """Conversions from NumPy arrays and plain numbers to ROS messages; array fields are filled from buffers."""
 
+from softsim_ros.messages.base_targets import base_target, read_base_target
 from softsim_ros.messages.buffers import message_array
 from softsim_ros.messages.colours import stress_colours
 from softsim_ros.messages.diagnostics import diagnostic_array, diagnostic_values
@@ -20,6 +21,7 @@ from softsim_ros.messages.states import (
 __all__ = [
     "MarkerTemplate",
     "MovingMarkers",
+    "base_target",
     "clock",
     "diagnostic_array",
     "diagnostic_values",
@@ -29,6 +31,7 @@ __all__ = [
     "point_cloud",
     "pose",
     "pose_stamped",
+    "read_base_target",
     "read_point_cloud",
     "read_step_profile",
     "step_profile",

@@ -17,15 +17,17 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
 from softsim_node.help import Program
 from softsim_node.parameters import declare, parameter, parameter_probe
 from softsim_node.process import run_node
 from softsim_ros.messages.types import load_message
+from softsim_ros.qos import hearing_all
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
 from softsim_ros.recording.qos import bag_qos
@@ -104,6 +106,7 @@ class Recorder(ClosableNode):
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
             if self._settings.autostart:
                 self.begin()
+            StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
         except BaseException:
             self.close()
             raise
@@ -178,12 +181,10 @@ class Recorder(ClosableNode):
     def _hear(self, bag: BagWriter, topic: str, type_name: str) -> None:
         if topic in self._unknown:
             return
-        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
-        latched = bool(profiles) and all(
-            profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles
-        )
-        if topic in self._heard and (not profiles or self._heard[topic][1] == (reliable, latched)):
+        publishers = self.get_publishers_info_by_topic(topic)
+        qos = hearing_all(publishers, DEPTH)
+        kind = (qos.reliability, qos.durability)
+        if topic in self._heard and (not publishers or self._heard[topic][1] == kind):
             return
         try:
             message_type = load_message(type_name)
@@ -193,18 +194,13 @@ class Recorder(ClosableNode):
             self._unknown.add(topic)
             self.get_logger().warning(f"{topic} is not recorded: the type {type_name} is not known here")
             return
-        qos = QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
-        if profiles:
-            bag.add_topic(topic, type_name, [bag_qos(profile) for profile in profiles])
+        if publishers:
+            bag.add_topic(topic, type_name, [bag_qos(each.qos_profile) for each in publishers])
         if topic in self._heard:
             self.destroy_subscription(self._heard[topic][0])
         callback = partial(self._on_message, topic, type_name)
         subscription = self.create_subscription(message_type, topic, callback, qos, raw=True)
-        self._heard[topic] = (subscription, (reliable, latched))
+        self._heard[topic] = (subscription, kind)
 
     def _on_message(self, topic: str, type_name: str, data: bytes) -> None:
         if self._bag is None:

@@ -12,19 +12,22 @@ class ReplayClock:
         now: Steady clock in [s].
         position: Bag time to begin at in [s].
         speed: Seconds of the bag a second of the clock, > 0.
+
+    Attributes:
+        paused: Whether it stands still.
     """
 
     def __init__(self, now: float, position: float = 0.0, speed: float = 1.0) -> None:
         self._since, self._position, self._speed = now, position, speed
-        self._paused = False
+        self.paused = False
 
     def position(self, now: float) -> float:
         """Bag time in [s]."""
-        return self._position + (0.0 if self._paused else (now - self._since) * self._speed)
+        return self._position + (0.0 if self.paused else (now - self._since) * self._speed)
 
     def wait_s(self, position: float, now: float) -> float:
         """How long until a bag time comes: 0 or less where it has passed, infinite while paused."""
-        return math.inf if self._paused else (position - self.position(now)) / self._speed
+        return math.inf if self.paused else (position - self.position(now)) / self._speed
 
     def set_speed(self, speed: float, now: float) -> None:
         """Go on from here at another speed."""
@@ -38,4 +41,4 @@ class ReplayClock:
     def pause(self, paused: bool, now: float) -> None:
         """Stop here, or go on."""
         self._position, self._since = self.position(now), now
-        self._paused = paused
+        self.paused = paused

@@ -10,11 +10,14 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.publisher import Publisher
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from servo_bridge.state_topics import StateTopics
 from softsim_node.ending import ending
 from softsim_node.parameters import LiveParameters, parameter
 from softsim_node.spinning import serve_once
+from softsim_ros.messages.state_topics import STATE_TOPICS
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording import replay_source
 from softsim_ros.recording.bag import Bag
@@ -30,7 +33,7 @@ NODE_NAME = "replay"
 DISCOVERY_S = 1.5
 """Time to hear of other nodes before anything is said about them, in [s]."""
 
-STATE_TOPICS = ("joint_states", "effector_pose", "mesh/points")
+ROBOT_TOPICS = ("joint_states", "effector_pose", "mesh/points")
 """Topics that only one node may publish: a simulator, or a replay of everything."""
 
 RIVAL_PERIOD_S = 0.5
@@ -81,7 +84,7 @@ class Replay(ClosableNode):
         self._serves, self._looks = RateGate(LOOK_PERIOD_S), RateGate(RIVAL_PERIOD_S)
         self.sent = 0
         try:
-            self._topics = replay_source.command_topics(bag) if commands_only else list(bag.topics)
+            self._topics = replay_source.command_topics(bag) if commands_only else whole_topics(bag)
             if start_s > bag.duration_s or not self._topics:
                 raise BagError(
                     bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
@@ -94,6 +97,7 @@ class Replay(ClosableNode):
                 name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
             }
             self.create_service(SetBool, "~/pause", self._on_pause)
+            StateTopics(self, {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))})
         except BaseException:
             self.destroy_node()
             raise
@@ -191,7 +195,7 @@ class Replay(ClosableNode):
         """Raise RecordingError where a whole replay and another node both say how the robot stands."""
         if self._commands_only:
             return
-        for topic in map(self._bag.topic, STATE_TOPICS):
+        for topic in map(self._bag.topic, ROBOT_TOPICS):
             target = self.target(topic)
             if self.count_publishers(target) > (topic in self._senders):
                 raise RecordingError(
@@ -215,3 +219,9 @@ class Replay(ClosableNode):
 
     def _change_speed(self, _: frozenset[str], settings: ReplaySettings) -> None:
         self._playhead.set_speed(settings.speed, time.monotonic())
+
+
+def whole_topics(bag: Bag) -> list[str]:
+    """The topics of a whole replay: not those by which nodes said their state, for they do not run."""
+    left_out = {bag.topic(name) for name in STATE_TOPICS}
+    return [topic for topic in bag.topics if topic not in left_out]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
+from sensor_msgs.msg import MultiDOFJointState
 
 from softsim_core.errors import CommandError, SoftSimError
+from softsim_ros.messages import read_base_target
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 
 class BaseTargets:
-    """Subscribes to `base_target`: frame_id names the joint, the point is where its base goes in `world`.
+    """Subscribes to `base_target`: where in `world` the base of a joint goes, see messages.base_target.
 
     Args:
         node: Owner of the subscription.
@@ -22,11 +23,11 @@ class BaseTargets:
 
     def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
         self._physics, self._warn = physics, warn
-        node.create_subscription(PointStamped, "base_target", self._on_target, 1)
+        node.create_subscription(MultiDOFJointState, "base_target", self._on_target, 1)
 
-    def _on_target(self, message: PointStamped) -> None:
-        joint, position = message.header.frame_id, (message.point.x, message.point.y, message.point.z)
+    def _on_target(self, message: MultiDOFJointState) -> None:
         try:
+            joint, position = read_base_target(message)
             self._physics.call(lambda simulation: simulation.move_base(joint, position), shows=False)
         except CommandError as error:
             self._warn(str(error))

@@ -18,13 +18,13 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseArray, Vector3
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.arrays import Array
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.pacing import RateGate
 
 WORLD = "world"
@@ -34,7 +34,6 @@ COLLISIONS_PERIOD_S = 0.1
 FORCE_LENGTH = 0.02
 """Length in [m] at which a contact force of 1 N is drawn."""
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
 _CABLE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)

@@ -10,7 +10,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
@@ -20,6 +19,7 @@ from visualization_msgs.msg import Marker
 from softsim_core.arrays import Array
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate
 from softsim_ros.simulator.structure import StructurePublications
@@ -29,8 +29,6 @@ MARKER_PERIOD_S = 0.1
 """RViz copes with one large marker at 10 Hz."""
 
 TF_PERIOD_S = 1.0 / 50.0
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def tf_message_type() -> Any | None:

@@ -15,10 +15,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
+from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription, Simulation
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
 from softsim_core.scene import SceneCatalog
@@ -139,6 +140,13 @@ class Simulator(RobotNode):
         if start.watch:
             self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady)
         self._physics.start()
+        self._state_topics = StateTopics(
+            self,
+            {
+                "~/paused": (Bool, lambda: Bool(data=self.physics.status.paused)),
+                "~/faulted": (Bool, lambda: Bool(data=self._faulted)),
+            },
+        )
         self.get_logger().info(
             f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
             f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
@@ -184,6 +192,11 @@ class Simulator(RobotNode):
         """The thread that owns the simulation."""
         assert self._physics is not None
         return self._physics
+
+    @property
+    def _faulted(self) -> bool:
+        """Whether the physics has stopped by itself, or its thread has ended before the node."""
+        return bool(self.physics.status.fault) or not (self.physics.is_alive or self._closed)
 
     # --- commands -------------------------------------------------------------------------------------
 
@@ -237,6 +250,7 @@ class Simulator(RobotNode):
             return "paused" if request.data else "running"
 
         response.success, response.message = _attempt(pause)
+        self._state_topics.refresh()
         return response
 
     def _snapshot_name(self) -> str:

@@ -17,7 +17,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
 
@@ -26,12 +25,11 @@ from softsim_core.scene.location import places_of
 from softsim_core.scene.portable import write_description
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.pacing import RateGate
 
 NODES_PERIOD_S = 0.1
 FRAMES_PERIOD_S = 1.0 / 30.0
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class StructurePublications:

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
+
+from softsim_ros.keys.names import KeyPress
 
 ESCAPE_TIMEOUT_S: Final = 0.5
 """Silence in [s] after which an unfinished sequence is given up; long, since slow links split sequences."""
@@ -41,29 +42,6 @@ _NAMED_CHARACTERS: Final = {
     " ": "space", "+": "plus", "=": "plus", "-": "minus", "_": "minus",
     "\r": "enter", "\x1b": "escape", "\x7f": "backspace", "\t": "i",
 }  # fmt: skip
-
-KEY_NAMES: Final = frozenset(
-    {*_ARROWS.values(), *_EDITING.values(), *_NAMED_CHARACTERS.values()}
-    | (set(string.digits + string.ascii_lowercase + string.punctuation) - set("+=-_"))
-)
-"""Every name a KeyPress can have, so every name a key binding can use."""
-
-
-@dataclass(frozen=True, slots=True)
-class KeyPress:
-    """One key, plain or with Ctrl.
-
-    Attributes:
-        name: One of KEY_NAMES: "up", "plus", "space", a lower-case letter, a digit, a punctuation character.
-        ctrl: Ctrl (or Cmd) was held. Tab is Ctrl+I on every terminal.
-    """
-
-    name: str
-    ctrl: bool = False
-
-    def __str__(self) -> str:
-        label = self.name.replace("_", " ").capitalize() if len(self.name) > 1 else self.name
-        return f"Ctrl+{label.capitalize()}" if self.ctrl else label
 
 
 class _State(Enum):

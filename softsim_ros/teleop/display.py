@@ -11,10 +11,16 @@ from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import MILLIMETRE, degrees
-from softsim_ros.teleop.commands import HELP_KEY, enforces_limits, key_table
-from softsim_ros.teleop.goal import GOAL_KEYS, goal_help, goal_line
-from softsim_ros.teleop.state import STALE_AFTER_S, BridgeState, TeleopState
-from softsim_ros.teleop.tilt import TILT_KEYS, tilt_line
+from softsim_ros.client.goals import format_point
+from softsim_ros.client.state import (
+    STALE_AFTER_S,
+    BridgeState,
+    RobotState,
+    enforces_limits,
+    known_effector,
+)
+from softsim_ros.keys.press import KeyState, tilt_line
+from softsim_ros.keys.table import GOAL_KEYS, HELP_KEY, TILT_KEYS, goal_help, key_table
 
 BAR_WIDTHS: Final = (24, 16, 10)
 """Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
@@ -38,13 +44,17 @@ class View:
 
     Attributes:
         robot: Joints with limits, and keys.
-        state: What the teleop knows.
+        state: What is known of the robot.
+        keys: What is known of the keys.
+        message: Newest sentence for the person.
         now: Steady clock in [s].
         namespace: Of the robot's topics.
     """
 
     robot: RobotDescription
-    state: TeleopState
+    state: RobotState
+    keys: KeyState
+    message: str
     now: float
     namespace: str
 
@@ -54,7 +64,7 @@ def render(view: View, width: int, height: int) -> list[str]:
 
     What matters least goes first when rows are few: blank lines, the keys, the table's head, the title.
     """
-    message = _wrap(f"> {view.state.message}" if view.state.message else ">", width)[:3]
+    message = _wrap(f"> {view.message}" if view.message else ">", width)[:3]
     joints = joint_rows(view, width)
     sections = [  # importance (0 stays longest), lines; in the order they are shown
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
@@ -65,7 +75,7 @@ def render(view: View, width: int, height: int) -> list[str]:
         (5, joints[:1]),
         (0, joints[1:]),
         (8, [""]),
-        (3, [f"key: {view.state.last_key or '-'}"]),
+        (3, [f"key: {view.keys.last_key or '-'}"]),
         (2, message),
         (8, [""]),
         (6, _help_lines(view, width)),
@@ -120,7 +130,17 @@ def _pulse_lines(view: View) -> list[str]:
 def _goal_line(view: View) -> str:
     """What the goal keys move, and where it is."""
     tilt = view.state.tilt
-    return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt)
+    return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt, view.keys.axis)
+
+
+def goal_line(state: RobotState, now: float) -> str:
+    """Goal, effector and the distance between them for the display, in mm."""
+    effector = known_effector(state, now)
+    goal = "at the effector" if state.goal is None else format_point(state.goal)
+    line = f"goal mm: {goal}   effector: {'no data' if effector is None else format_point(effector)}"
+    if effector is not None and state.goal is not None:
+        line += f"   off by {math.dist(effector.position, state.goal.position) / MILLIMETRE:.2f}"
+    return line
 
 
 def joint_rows(view: View, width: int) -> list[str]:
@@ -180,7 +200,7 @@ def key_label(name: str) -> str:
 
 
 def _help_lines(view: View, width: int) -> list[str]:
-    if not view.state.show_help:
+    if not view.keys.show_help:
         return [f"{HELP_KEY} shows the keys"]
     table: dict[str, KeyBinding] = key_table(view.robot)
     if view.state.inverse:  # the goal's keys, then what else still works

@@ -6,11 +6,9 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from rclpy.executors import Executor, TimeoutException
-
 from softsim_node.ending import ending
-from softsim_node.spinning import outliving
-from softsim_ros.teleop.decoder import KeyDecoder, KeyPress
+from softsim_ros.keys.names import KeyPress
+from softsim_ros.teleop.decoder import KeyDecoder
 from softsim_ros.teleop.display import View, frame, render
 from softsim_ros.teleop.terminal import RawTerminal
 
@@ -18,9 +16,6 @@ KEY_WAIT_S: Final = 0.04
 """Longest wait for a key in [s]; callbacks are served at least this often."""
 
 DRAW_INTERVAL_S: Final = 0.1
-TICK_INTERVAL_S: Final = 0.25
-
-_CALLBACKS_AT_ONCE = 32
 
 
 class DrivenByKeys(Protocol):
@@ -38,10 +33,6 @@ class DrivenByKeys(Protocol):
 
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Act on a key, `now` in [s]."""
-        ...
-
-    def tick(self, now: float) -> None:
-        """Housekeeping, a few times per second."""
         ...
 
     def view(self, now: float) -> View:
@@ -69,7 +60,7 @@ def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Calla
 def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
     decoder = KeyDecoder()
     shown: tuple[list[str], tuple[int, int]] | None = None
-    next_draw = next_tick = time.monotonic()
+    next_draw = time.monotonic()
     while node.context.ok() and not (node.quit_requested or ending.asked):
         data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
         if data is None:
@@ -80,9 +71,6 @@ def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[]
             node.handle_key(key, now)
             if node.quit_requested:
                 return
-        if now >= next_tick:
-            node.tick(now)
-            next_tick = now + TICK_INTERVAL_S
         if now >= next_draw:
             size = terminal.size
             content = (render(node.view(now), *size), size)
@@ -90,16 +78,3 @@ def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[]
                 terminal.write(frame(content[0], size[1]))
                 shown = content
             next_draw = now + DRAW_INTERVAL_S
-
-
-def ready_callbacks(executor: Executor) -> None:
-    """Run the callbacks that are ready now, at most a few dozen, without waiting."""
-    for _ in range(_CALLBACKS_AT_ONCE):
-        try:
-            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
-        except TimeoutException:
-            return
-        with outliving(executor):
-            handler()
-            if (error := handler.exception()) is not None:
-                raise error

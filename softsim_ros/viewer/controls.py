@@ -7,10 +7,12 @@ from typing import Any, Final
 
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Placement
+from softsim_ros.client.simulator import Simulator
+from softsim_ros.client.state import RobotState
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.drive_tab import DriveTab
 from softsim_ros.viewer.log_tab import LogTab
-from softsim_ros.viewer.page_node import PageNode
+from softsim_ros.viewer.page_parts import PageParts
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.readings import AMBER, GREEN, GREY, RED
 from softsim_ros.viewer.scene_tab import SceneTab
@@ -28,56 +30,59 @@ class Controls:
     Args:
         gui: viser's controls.
         inbox: Where events of browsers go.
-        viewer: The node that carries them out.
-        robot: The scene.
+        parts: What carries them out; the scene is that of the picture.
+        namespace: Of the robot.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
-        self._viewer = viewer
+    def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
+        self._parts, self._namespace = parts, namespace
         self._status = Shown(gui.add_html(""))
         self._lamps = Shown(gui.add_html(""))
         self._message = Shown(gui.add_html(""))
-        _add_run(gui, inbox, viewer)
+        client, picture, robot = parts.client, parts.picture, parts.picture.robot
+        _add_run(gui, inbox, client.simulator)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
-            self._drive = DriveTab(gui, inbox, viewer, robot)
+            self._drive = DriveTab(gui, inbox, robot, client, parts.keyboard)
         with tabs.add_tab("View"):
-            self._view = ViewTab(gui, inbox, viewer)
+            self._view = ViewTab(gui, inbox, picture, parts.mouse)
         with tabs.add_tab("Tune"):
-            self.tune = TuneTab(gui, inbox, viewer, robot)
+            TuneTab(gui, inbox, robot, client.simulator.parameters)
         with tabs.add_tab("Plots"):
-            self.plots = PlotsTab(gui, viewer, robot)
+            self.plots = PlotsTab(gui, robot, lambda: client.state, parts.statistics)
         with tabs.add_tab("Timing"):
-            self._timing = TimingTab(gui, inbox, viewer)
+            self._timing = TimingTab(gui, inbox, parts.statistics)
         with tabs.add_tab("Log"):
-            self._log = LogTab(gui, viewer)
+            self._log = LogTab(gui, parts.log, parts.spoken)
         with tabs.add_tab("Scene"):
-            self.scene = SceneTab(gui, inbox, viewer, robot)
+            self.scene = SceneTab(
+                gui, inbox, picture, client.simulator, parts.spoken.say, is_local=parts.is_local
+            )
 
     def refresh(self) -> None:
         """Show the state; a few times per second."""
-        viewer, state = self._viewer, self._viewer.state
-        bad, known = state.simulator not in ("running", "paused"), viewer.diagnostics
-        words = readings.progress(state.simulator, state.real_time_factor, known.time_s, known.dt)
-        self._status.show(readings.sentence(f"{viewer.get_namespace()}: {known.fault or words}", bad=bad))
-        self._message.show(readings.sentence(state.message or "ready"))
-        self._lamps.show(readings.lamps(self._lamp_states()))
+        state = self._parts.client.state
+        bad = state.simulator not in ("running", "paused")
+        words = readings.progress(state.simulator, state.real_time_factor, state.time_s, state.dt)
+        self._status.show(readings.sentence(f"{self._namespace}: {state.fault or words}", bad=bad))
+        self._message.show(readings.sentence(self._parts.spoken.sentence or "ready"))
+        self._lamps.show(readings.lamps(_lamp_states(state)))
         self._drive.refresh()
         self._view.refresh()
         self.scene.refresh()
         self._timing.refresh()
         self._log.refresh()
 
-    def _lamp_states(self) -> list[tuple[str, str]]:
-        viewer, state = self._viewer, self._viewer.state
-        simulator = {"running": GREEN, "paused": AMBER}.get(state.simulator, RED if state.simulator else GREY)
-        bridge, stopped = f"bridge {state.bridge}", viewer.diagnostics.e_stopped
-        return [
-            ("simulator", simulator),
-            (bridge, BRIDGE_LAMPS.get(state.bridge, GREY)),
-            ("e-stop" if stopped else "no e-stop", RED if stopped else GREY),
-            ("inverse on" if state.inverse else "inverse off", GREEN if state.inverse else GREY),
-        ]
+
+def _lamp_states(state: RobotState) -> list[tuple[str, str]]:
+    simulator = {"running": GREEN, "paused": AMBER}.get(state.simulator, RED if state.simulator else GREY)
+    stopped = state.e_stopped
+    return [
+        ("simulator", simulator),
+        (f"bridge {state.bridge}", BRIDGE_LAMPS.get(state.bridge, GREY)),
+        ("e-stop" if stopped else "no e-stop", RED if stopped else GREY),
+        ("inverse on" if state.inverse else "inverse off", GREEN if state.inverse else GREY),
+    ]
 
 
 def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
@@ -91,13 +96,13 @@ def _controlled(robot: RobotDescription) -> object:
     return robot.name, [joint.kind for joint in robot.joints], joints, robot.keys, tunables(robot)
 
 
-def _add_run(gui: Any, inbox: Inbox, viewer: PageNode) -> None:
+def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
     """The row of buttons that run, pause, step, reset and reload the simulation."""
     actions = {
-        "Run / pause": viewer.toggle_pause,
-        "Step": viewer.step_once,
-        "Reset": viewer.reset,
-        "Reload": viewer.reload,
+        "Run / pause": simulator.toggle_pause,
+        "Step": simulator.step,
+        "Reset": simulator.reset,
+        "Reload": simulator.reload,
     }
     row = gui.add_button_group("Simulation", tuple(actions))
 

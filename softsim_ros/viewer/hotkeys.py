@@ -6,8 +6,8 @@ from typing import Final
 
 from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.teleop.commands import key_table
-from softsim_ros.teleop.decoder import KeyPress
+from softsim_ros.keys.names import KeyPress
+from softsim_ros.keys.table import key_table
 
 CTRL: Final = "cmd/ctrl"
 

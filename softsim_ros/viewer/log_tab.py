@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterable
 from typing import Any, Final
 
-from softsim_ros.viewer.log_link import LogLine
-from softsim_ros.viewer.page_node import PageNode
+from softsim_ros.client.log import LogLine, RobotLog
 from softsim_ros.viewer.panel import Shown
 from softsim_ros.viewer.readings import AMBER, RED, box
+from softsim_ros.viewer.spoken import Spoken
 
 INFO, WARNING, ERROR = 20, 30, 40
 REFRESH_S: Final = 0.5
@@ -23,18 +23,19 @@ class LogTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        viewer: The node whose log is shown.
+        log: What the robot's nodes say.
+        spoken: What the page says itself.
     """
 
-    def __init__(self, gui: Any, viewer: PageNode) -> None:
-        self._viewer = viewer
+    def __init__(self, gui: Any, log: RobotLog, spoken: Spoken) -> None:
+        self._log, self._spoken = log, spoken
         self._lines = Shown(gui.add_html(""))
         self._said = ""
         self._shown, self._due = -1, 0.0
 
     def refresh(self) -> None:
         """Show the newest lines; the page's own sentences are among them."""
-        log, sentence = self._viewer.diagnostics.log, self._viewer.state.message
+        log, sentence = self._log, self._spoken.sentence
         if sentence and sentence != self._said:
             log.add(LogLine(time.time(), INFO, "page", sentence))
         self._said = sentence

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String, UInt32MultiArray
@@ -21,8 +20,9 @@ from softsim_core.scene.location import Place, place_of
 from softsim_core.scene.overrides import Steps
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import Camera, ViewSettings
+from softsim_ros.client.state import EffectorPose
 from softsim_ros.messages import read_point_cloud
-from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.scene_message import SceneMessage, read_scene_message
@@ -35,9 +35,6 @@ ERROR_WIDTH: Final = 36
 _SWITCHES: Any = {each.name: False for each in fields(ViewSettings) if each.type == "bool"}
 NOTHING: Final = ViewSettings(**_SWITCHES)
 """What is shown of a scene whose files are wrong."""
-
-_NEWEST_ONLY: Final = QoSProfile(depth=1)
-_LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Picture:
@@ -59,8 +56,10 @@ class Picture:
         stage: The 3-D side of the page; another one after each `build`.
         base: The handle of the chosen joint's base; another one, too.
         view: What is shown now: what the scene said, then what people switched.
+        robot: The scene that is shown.
     """
 
+    robot: RobotDescription
     stage: Stage
     base: BaseHandle
     view: ViewSettings
@@ -95,15 +94,15 @@ class Picture:
 
     def _subscribe(self) -> None:
         subscribe = self._node.create_subscription
-        subscribe(String, "scene/structure", self._on_structure, _LATCHED)
-        subscribe(Mesh, "mesh/topology", self._on_topology, _LATCHED)
-        subscribe(UInt32MultiArray, "mesh/tetrahedra", self._on_tetrahedra, _LATCHED)
-        subscribe(PointCloud2, "mesh/points", self._on_points, _NEWEST_ONLY)
-        subscribe(PoseArray, "frames", self._on_frames, _NEWEST_ONLY)
-        subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), _NEWEST_ONLY)
-        subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), _NEWEST_ONLY)
-        subscribe(MarkerArray, "bodies/topology", self._on_rigid, _LATCHED)
-        subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), _NEWEST_ONLY)
+        subscribe(String, "scene/structure", self._on_structure, LATCHED)
+        subscribe(Mesh, "mesh/topology", self._on_topology, LATCHED)
+        subscribe(UInt32MultiArray, "mesh/tetrahedra", self._on_tetrahedra, LATCHED)
+        subscribe(PointCloud2, "mesh/points", self._on_points, NEWEST_ONLY)
+        subscribe(PoseArray, "frames", self._on_frames, NEWEST_ONLY)
+        subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "bodies/topology", self._on_rigid, LATCHED)
+        subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), NEWEST_ONLY)
 
     # --- a scene --------------------------------------------------------------------------------------
 
@@ -112,6 +111,7 @@ class Picture:
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view
             self._seen = ""
+        self.robot = robot
         frames = [] if self._scene is None else list(self._scene.frames)
         self._error, self._error_label = "", None
         self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
@@ -277,7 +277,7 @@ class Picture:
     def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
         """Subscribe to a topic while it is wanted."""
         if wanted and topic not in self._on_demand:
-            self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, _NEWEST_ONLY)
+            self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, NEWEST_ONLY)
         elif not wanted and topic in self._on_demand:
             self._node.destroy_subscription(self._on_demand.pop(topic))
 

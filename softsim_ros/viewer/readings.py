@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 
 from softsim_core.scene.description import JointDescription
-from softsim_ros.teleop.commands import format_position
-from softsim_ros.viewer.surface import band_colours
+from softsim_ros.client.state import RobotState
+from softsim_ros.client.wishes import format_position
+from softsim_ros.viewer.surface import MM, band_colours
 
 GREEN, AMBER, RED, GREY = "#2b8a3e", "#e67700", "#c92a2a", "#868e96"
 
@@ -95,6 +96,13 @@ def pressure(value: float) -> str:
         if abs(value) >= factor:
             return f"{value / factor:.3g} {unit}"
     return f"{value:.3g} Pa"
+
+
+def goal_error_mm(state: RobotState) -> float:
+    """How far the effector is from its newest goal in [mm]; 0 without one."""
+    if state.heard_goal is None or state.effector is None:
+        return 0.0
+    return MM * math.dist(state.heard_goal.position, state.effector.position)
 
 
 def progress(word: str, factor: float | None, time_s: float | None, dt: float | None) -> str:

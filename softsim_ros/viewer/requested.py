@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from softsim_node.parameters import declare, parameter, parameter_probe
-from softsim_ros.teleop.parameters import DEFAULT_ROBOT, TeleopSettings
+from softsim_ros.keys.parameters import DEFAULT_ROBOT, KeySettings
 
 DEFAULT_PORT = 8080
 
@@ -32,4 +32,4 @@ class ViewerSettings:
 def requested_settings() -> tuple[str, ViewerSettings]:
     """The robot and the settings given to this process."""
     with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
-        return declare(probe, TeleopSettings()).robot, declare(probe, ViewerSettings())
+        return declare(probe, KeySettings()).robot, declare(probe, ViewerSettings())

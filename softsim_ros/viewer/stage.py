@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import ViewSettings
-from softsim_ros.teleop.state import EffectorPose
+from softsim_ros.client.state import EffectorPose
 from softsim_ros.viewer.collision_view import CollisionView
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.marker_view import MarkerView, RigidView

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.viewer.page_node import PageNode
+from softsim_ros.client.state import RobotState
 from softsim_ros.viewer.panel import Inbox, Shown
 from softsim_ros.viewer.plots import Curves
 from softsim_ros.viewer.profiler import ProfilerView
+from softsim_ros.viewer.readings import goal_error_mm
 from softsim_ros.viewer.stage_tables import stage_table
+from softsim_ros.viewer.step_statistics import StepStatistics
 
 
 class PlotsTab:
@@ -17,12 +20,19 @@ class PlotsTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        viewer: The node whose state is drawn.
         robot: The scene.
+        state: Gives what is known of the robot.
+        statistics: Times of the steps.
     """
 
-    def __init__(self, gui: Any, viewer: PageNode, robot: RobotDescription) -> None:
-        self._viewer, self._robot = viewer, robot
+    def __init__(
+        self,
+        gui: Any,
+        robot: RobotDescription,
+        state: Callable[[], RobotState],
+        statistics: StepStatistics,
+    ) -> None:
+        self._robot, self._state, self._statistics = robot, state, statistics
         charts = {
             "positions": ("Joint positions [rad or m]", robot.joint_names),
             "error": ("Effector to goal [mm]", ("error",)),
@@ -38,14 +48,12 @@ class PlotsTab:
 
     def add(self, time_s: float) -> None:
         """One more point on every curve."""
-        viewer = self._viewer
-        state = viewer.state
+        state, stages = self._state(), self._statistics.stages
         if "positions" in self._plots and state.measured is not None:
             self._plots["positions"].add(time_s, state.measured)
-        if "efforts" in self._plots and len(viewer.efforts) == len(self._robot.joints):
-            self._plots["efforts"].add(time_s, viewer.efforts)
-        self._plots["error"].add(time_s, (viewer.goal_error_mm,))
-        stages = viewer.diagnostics.stages
+        if "efforts" in self._plots and len(state.efforts) == len(self._robot.joints):
+            self._plots["efforts"].add(time_s, state.efforts)
+        self._plots["error"].add(time_s, (goal_error_mm(state),))
         means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
         self._plots["stages"].add(time_s, means)
         self._plots["factor"].add(time_s, (state.real_time_factor or 0.0,))
@@ -57,16 +65,15 @@ class TimingTab:
     Args:
         gui: viser's controls, inside the tab.
         inbox: Where events of browsers go.
-        viewer: The node whose diagnostics are shown.
+        statistics: What is shown.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode) -> None:
-        self._viewer = viewer
+    def __init__(self, gui: Any, inbox: Inbox, statistics: StepStatistics) -> None:
+        self._statistics = statistics
         self._stages = Shown(gui.add_html(""))
         self._profiler = ProfilerView(gui, inbox)
 
     def refresh(self) -> None:
         """Show the newest statistics."""
-        diagnostics = self._viewer.diagnostics
-        self._stages.show(stage_table(diagnostics.stages))
-        self._profiler.refresh(diagnostics.profile)
+        self._stages.show(stage_table(self._statistics.stages))
+        self._profiler.refresh(self._statistics.profile)

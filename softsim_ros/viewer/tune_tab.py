@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.viewer.page_node import PageNode
+from softsim_ros.client.parameters import Parameters
 from softsim_ros.viewer.panel import Control, Inbox
 from softsim_ros.viewer.tuning import Tunable, tunables
 
@@ -18,11 +18,11 @@ class TuneTab:
     Args:
         gui: viser's controls, inside the tab.
         inbox: Where events of browsers go.
-        viewer: The node that sets them.
         robot: The scene.
+        parameters: Those of the simulator.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode, robot: RobotDescription) -> None:
+    def __init__(self, gui: Any, inbox: Inbox, robot: RobotDescription, parameters: Parameters) -> None:
         self._controls: dict[str, tuple[Tunable, Control]] = {}
         for tunable in tunables(robot):
             if tunable.is_switch:
@@ -36,12 +36,11 @@ class TuneTab:
                     tunable.start,
                     hint=tunable.help,
                 )
-            self._controls[tunable.name] = (tunable, inbox.on_change(handle, partial(viewer.tune, tunable)))
-
-    @property
-    def names(self) -> list[str]:
-        """The simulator's parameters that are shown."""
-        return list(self._controls)
+            self._controls[tunable.name] = (
+                tunable,
+                inbox.on_change(handle, partial(_tune, parameters, tunable)),
+            )
+        parameters.follow(list(self._controls), self.show)
 
     def show(self, values: Mapping[str, Any]) -> None:
         """Show values of the simulator's parameters, in SI."""
@@ -49,3 +48,7 @@ class TuneTab:
             if name in self._controls:
                 tunable, control = self._controls[name]
                 control.show(tunable.shown(value))
+
+
+def _tune(parameters: Parameters, tunable: Tunable, value: Any) -> None:
+    parameters.set(tunable.name, tunable.si(value))

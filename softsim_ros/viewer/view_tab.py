@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.layers import LAYERS
-from softsim_ros.viewer.page_node import PageNode
 from softsim_ros.viewer.panel import Inbox, Shown
+from softsim_ros.viewer.picture import Picture
+from softsim_ros.viewer.pull import MousePull
 from softsim_ros.viewer.saved_view import view_file
 from softsim_ros.viewer.surface import MM
 from softsim_ros.viewer.tuning import KILO
-
-if TYPE_CHECKING:
-    from softsim_ros.viewer.picture import Picture
 
 NODE_SIZES: Final = (0.2, 5.0, 0.1)
 """Range and step of the size at which nodes are drawn, in [mm]."""
@@ -26,11 +24,12 @@ class ViewTab:
     Args:
         gui: viser's controls, inside the tab.
         inbox: Where events of browsers go.
-        viewer: The node; its picture is what is switched.
+        picture: What is switched.
+        mouse: The spring of a pull.
     """
 
-    def __init__(self, gui: Any, inbox: Inbox, viewer: PageNode) -> None:
-        self._viewer, picture = viewer, viewer.picture
+    def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
+        self._picture = picture
         view = picture.view
         self._legend = Shown(gui.add_html(""))
         top = gui.add_number(
@@ -47,16 +46,16 @@ class ViewTab:
         inbox.on_change(size, lambda shown: picture.change(node_size=shown / MM))
         with gui.add_folder("Mouse"):
             inbox.on_change(gui.add_checkbox("Drag pulls (as Shift + drag)", False), picture.set_pull_mode)
-            stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, viewer.pull_stiffness)
-            inbox.on_change(stiffness, viewer.set_pull_stiffness)
+            stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, mouse.stiffness)
+            inbox.on_change(stiffness, mouse.set_stiffness)
         inbox.on_click(gui.add_button("Reset view"), picture.reset_view)
         save = gui.add_button("Save view", hint="a file, and where Reset view goes from now on")
-        save.on_click(partial(_save_view, inbox, viewer))
+        save.on_click(partial(_save_view, inbox, picture))
         gui.add_button("Save picture").on_click(save_picture)
 
     def refresh(self) -> None:
         """Show the scale of the stress, and what is switched."""
-        surface, view = self._viewer.picture.stage.surface, self._viewer.picture.view
+        surface, view = self._picture.stage.surface, self._picture.view
         for name, box in self._boxes.items():
             box.show(getattr(view, name))
         self._legend.show(readings.legend(surface.shown_top) if surface.by_stress else "")
@@ -66,7 +65,7 @@ def _switch(picture: Picture, layer: str, shown: bool) -> None:
     picture.change(**{layer: shown})
 
 
-async def _save_view(inbox: Inbox, viewer: PageNode, event: Any) -> None:
+async def _save_view(inbox: Inbox, picture: Picture, event: Any) -> None:
     """Keep the camera of the browser that asked, and give it the view as a file."""
     client = event.client
     if client is None:
@@ -74,9 +73,9 @@ async def _save_view(inbox: Inbox, viewer: PageNode, event: Any) -> None:
     position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
 
     def save() -> None:
-        viewer.picture.save_view(position, target)
-        text = view_file(viewer.robot, viewer.picture.view)
-        client.send_file_download(f"{viewer.robot.name}_view.yaml", text.encode(), save_immediately=True)
+        picture.save_view(position, target)
+        text = view_file(picture.robot, picture.view)
+        client.send_file_download(f"{picture.robot.name}_view.yaml", text.encode(), save_immediately=True)
 
     inbox.put(save)
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 import sys
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import JointState
 
+from softsim_core.arrays import Array
 from softsim_core.errors import SoftSimError
 from softsim_core.scene import known_scenes, load_yaml
 from softsim_core.scene.catalog import shortened
@@ -23,30 +21,39 @@ from softsim_node.ending import ending
 from softsim_node.help import Program
 from softsim_node.parameters import declare
 from softsim_node.process import run_node
-from softsim_ros.teleop.loop import ready_callbacks
-from softsim_ros.teleop.parameters import TeleopSettings
+from softsim_node.spinning import ready_callbacks
+from softsim_ros.client.log import RobotLog, Warnings
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.keys.keyboard import Keyboard
+from softsim_ros.keys.parameters import KeySettings
+from softsim_ros.keys.table import unknown_keys
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.viewer.controls import Controls, have_same_controls
-from softsim_ros.viewer.diagnostics_link import DiagnosticsLink
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
-from softsim_ros.viewer.page_node import PageNode
+from softsim_ros.viewer.page_parts import PageParts
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.picture import Picture
+from softsim_ros.viewer.pull import MousePull
 from softsim_ros.viewer.requested import ViewerSettings, requested_settings
+from softsim_ros.viewer.spoken import Spoken
+from softsim_ros.viewer.step_statistics import StepStatistics
+from softsim_ros.viewer.surface import MM
 
 FRAME_S: Final = 1.0 / 30.0
-TICK_PERIOD_S: Final = 0.1
+REFRESH_PERIOD_S: Final = 0.1
 PLOT_PERIOD_S: Final = 0.2
 
 
-class Viewer(PageNode):
-    """A teleop whose keys and display are a web page; see `frame` for its loop.
-
-    Topics in besides the commander's: those of Picture and DiagnosticsLink.
+class Viewer(ClosableNode):
+    """Serves the page of one robot; see `frame` for its loop.
 
     Args:
         robot: What is shown until the simulator tells its own scene.
         settings: Address and looks.
-        **node_options: Passed on to rclpy's Node.
+        **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used.
+
+    Attributes:
+        parts: Client, keyboard, picture and the rest of what the page is made of.
 
     Raises:
         ViewerError: the page cannot be served.
@@ -55,28 +62,46 @@ class Viewer(PageNode):
     controls: Controls
 
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
-        super().__init__(robot, "viewer", lambda values: self.controls.tune.show(values), **node_options)
+        super().__init__("viewer", **{"namespace": robot.name, **node_options})
         self._settings = settings = declare(self, settings)
         token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._inbox = Inbox()
-        self.scene_name, self.efforts = robot.name, ()
-        self.is_local = is_loopback(settings.host)
-        self.diagnostics = DiagnosticsLink(self)
-        self.picture = Picture(
-            self,
-            self._server,
-            self._inbox,
-            self._on_scene,
-            self.drag_goal,
-            self.move_base,
-            lite=settings.lite,
-        )
+        self.parts = self._make_parts(robot, settings)
+        self._warnings = Warnings(self, self.parts.spoken.say)
         self._started_at = time.monotonic()
-        self._next_tick = self._next_plot = 0.0
+        self._next_refresh = self._next_plot = 0.0
         self._controlled: RobotDescription | None = None
         self._build_page()
+
+    def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
+        spoken = Spoken()
+        spoken.say(unknown_keys(robot) or "")
+        client = RobotClient(self, robot, spoken.say)
+        simulator = client.simulator
+
+        def move_base(joint: str, position_mm: Array) -> None:
+            simulator.move_base(joint, (position_mm / MM).tolist())
+
+        return PageParts(
+            client=client,
+            keyboard=Keyboard(self, client, spoken.say),
+            spoken=spoken,
+            picture=Picture(
+                self,
+                self._server,
+                self._inbox,
+                self._on_scene,
+                client.inverse.give_goal,
+                move_base,
+                lite=settings.lite,
+            ),
+            mouse=MousePull(simulator),
+            statistics=StepStatistics(self),
+            log=RobotLog(self),
+            is_local=is_loopback(settings.host),
+        )
 
     @property
     def address(self) -> str:
@@ -91,49 +116,39 @@ class Viewer(PageNode):
     # --- a scene --------------------------------------------------------------------------------------
 
     def _build_page(self) -> None:
-        """Scene and panel for `self.robot`; the cameras stay where they are, and so do controls that fit."""
+        """Picture and panel for the robot; the cameras stay where they are, and so do controls that fit."""
+        robot, picture = self.parts.client.robot, self.parts.picture
         with self._server.atomic():
             self._server.scene.reset()
-            self.picture.build(self.robot)
-            if self._controlled is not None and have_same_controls(self._controlled, self.robot):
-                self.controls.scene.show(self.robot)
+            picture.build(robot)
+            if self._controlled is not None and have_same_controls(self._controlled, robot):
+                self.controls.scene.show(robot)
             else:
                 self._inbox.turn_page()
                 self._server.gui.reset()
                 self._server.gui.configure_theme(show_logo=False, show_share_button=False)
-                self.controls = Controls(self._server.gui, self._inbox, self, self.robot)
-            self._controlled = self.robot
-        self.parameters.names = self.controls.tune.names
-        self.picture.show_known()
+                self.controls = Controls(self._server.gui, self._inbox, self.parts, self.get_namespace())
+            self._controlled = robot
+        picture.show_known()
 
     def _on_scene(self, robot: RobotDescription) -> None:
         """Another scene, as the simulator tells it: the page is made anew."""
-        self.robot = robot
-        self.scene_name = self.robot.name
-        self._joint_order = ((), None)
-        self.efforts = ()
-        self.state = replace(self.state, measured=None, commanded=None, measured_at=-math.inf)
+        self.parts.client.begin(robot)
         self._build_page()
-
-    def _on_joint_states(self, message: JointState) -> None:
-        super()._on_joint_states(message)
-        order = self._joint_order[1]
-        if order is not None and len(message.effort) == len(message.name):
-            self.efforts = [message.effort[index] for index in order]
 
     # --- the loop -------------------------------------------------------------------------------------
 
     def frame(self, now: float) -> None:
         """Serve what browsers did, then show what arrived; about 30 times per second, `now` in [s]."""
-        stage = self.picture.stage
-        stage.now = now
+        picture = self.parts.picture
+        picture.stage.now = now
         for action in self._inbox.take():
             with self.refusing("action on the page"):
                 action()
         with self._server.atomic(), self.refusing("picture"):
-            self.picture.draw(now)
-        if now >= self._next_tick:
-            self._next_tick = now + TICK_PERIOD_S
+            picture.draw(now)
+        if now >= self._next_refresh:
+            self._next_refresh = now + REFRESH_PERIOD_S
             with self._server.atomic(), self.refusing("state"):
                 self._show_state(now)
         if now >= self._next_plot:
@@ -141,13 +156,12 @@ class Viewer(PageNode):
             with self.refusing("plot"):
                 self.controls.plots.add(now - self._started_at)
         with self.refusing("pull"):
-            self.send_pull(stage.pull, stage.surface.points, now)
+            self.parts.mouse.send(picture.stage.pull, picture.stage.surface.points, now)
 
     def _show_state(self, now: float) -> None:
-        self.tick(now)
-        goal = (self.goal or self.state.effector) if self.state.inverse else None
-        self.picture.stage.show_goal(goal, now)
-        self.picture.show_error(self.diagnostics.scene_error)
+        picture, state = self.parts.picture, self.parts.client.state
+        picture.stage.show_goal((state.heard_goal or state.effector) if state.inverse else None, now)
+        picture.show_error(state.scene_error)
         self.controls.refresh()
 
 
@@ -198,7 +212,7 @@ def announced_viewer() -> Viewer:
 PROGRAM = Program(
     name="viewer",
     about="Shows a robot in a web page, and drives it from there.",
-    settings=(TeleopSettings(), ViewerSettings()),
+    settings=(KeySettings(), ViewerSettings()),
 )
 
 

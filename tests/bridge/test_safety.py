@@ -68,6 +68,17 @@ def test_a_command_beyond_the_limits_is_clamped_and_counted() -> None:
     assert motion.clipped == 1
 
 
+def test_a_robot_at_rest_beyond_the_limits_is_clipped_once() -> None:
+    """Joint states of the simulated Tripod before its start animation: 0 rad, at 100 Hz."""
+    motion = tripod_motion()
+    for count in range(100):
+        motion.command([0.0] * 3, 0.01 * count)
+    assert motion.clipped == 1
+    motion.command([-1.0] * 3, 1.0)
+    motion.command([0.0] * 3, 1.01)
+    assert motion.clipped == 2
+
+
 @pytest.mark.parametrize(
     "bad", [[math.nan, -1.0, -1.0], [-1.0, math.inf, -1.0], [-1.0, -1.0, -math.inf], [], [-1.0], [-1.0] * 4]
 )

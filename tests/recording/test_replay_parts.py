@@ -132,3 +132,15 @@ def test_a_late_start_begins_with_the_newest_latched_message(tmp_path: Path) -> 
         (40, shift(32.0)),
         (50, command([3.0])),
     ]
+
+
+def test_a_whole_replay_does_not_speak_for_nodes_that_do_not_run(tmp_path: Path) -> None:
+    replay = pytest.importorskip("softsim_ros.recording.replay_node", reason="needs rclpy")
+    writer = write(tmp_path / "bag", [(COMMANDS, 10, command([1.0]))])
+    for topic in ("simulator/paused", "servo_bridge/e_stop_latched"):
+        writer.add_topic(f"/tripod/{topic}", "std_msgs/msg/Bool")
+        writer.write(f"/tripod/{topic}", 11, bytes([0, 1, 0, 0, 0]))
+    writer.close()
+    with Bag(tmp_path / "bag") as bag:
+        assert len(bag.topics) == 3
+        assert replay.whole_topics(bag) == [COMMANDS]

@@ -18,18 +18,20 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402
+from std_msgs.msg import Bool  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
+from servo_bridge.state_topics import STATE_QOS  # noqa: E402
 from softsim_core.errors import ConfigError  # noqa: E402
 from softsim_core.inverse.closed_loop import TiltController, read_closed_loop_log  # noqa: E402
 from softsim_core.inverse.tilts import tilt_rotation, tilts_of  # noqa: E402
 from softsim_core.mechanics.pose import quaternion_of, rotation_of  # noqa: E402
 from softsim_core.scene import load_scene  # noqa: E402
 from softsim_ros.inverse.closed_loop_node import ClosedLoop  # noqa: E402
-from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
-from softsim_ros.messages.diagnostics import OK  # noqa: E402
+from softsim_ros.keys.names import KeyPress  # noqa: E402
+from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
 from softsim_ros.runtime import SpinThread  # noqa: E402
-from softsim_ros.teleop.decoder import KeyPress  # noqa: E402
+from softsim_ros.state_listener import StateListener  # noqa: E402
 from softsim_ros.teleop.teleop_node import Teleop  # noqa: E402
 
 
@@ -145,6 +147,10 @@ def test_a_broken_sensor_holds_the_command(start_loop: Any, client: Any, spin_un
     assert loop._said == ""
 
 
+def loop_reference(loop: ClosedLoop) -> Any:
+    return pytest.approx(tuple(loop._loop.reference))
+
+
 @pytest.mark.slow
 def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: Any) -> None:
     loop, plate = start_loop(enabled=True)
@@ -157,6 +163,9 @@ def test_references_that_are_refused(start_loop: Any, client: Any, spin_until: A
     assert loop._loop.reference.tolist() == [0.1, 0.05]
     client.publish("effector_reference", good)
     assert spin_until(lambda: loop._loop.reference == pytest.approx([0.2, 0.1]))
+    told = {name: StateListener(client.node, f"closed_loop/{name}") for name in ("enabled", "reference")}
+    assert spin_until(lambda: told["enabled"].value is True and told["reference"].value is not None)
+    assert spin_until(lambda: (told["reference"].value.x, told["reference"].value.y) == loop_reference(loop))
     assert keep_measuring(plate, spin_until, lambda: plate.goals)
     assert plate.goals[-1].pose.position.z == pytest.approx(0.06)
 
@@ -173,18 +182,14 @@ def test_keys_of_the_teleop_turn_the_reference(
     teleop = Teleop(load_scene("tripod"), context=context)
     try:
         with SpinThread([teleop], context):
-            values = {"mode": "on"}
-            on = diagnostic_array(time_message(0.0), "tripod/inverse_controller", "tripod", OK, "on", values)
-
-            def knows_both() -> bool:
-                client.publish("/diagnostics", on)
-                teleop.view(time.monotonic())
-                return teleop.state.inverse and teleop.state.tilt is not None
-
-            assert spin_until(knows_both)
+            enabled = client.node.create_publisher(Bool, "inverse_controller/enabled", STATE_QOS)
+            enabled.publish(Bool(data=True))
+            assert spin_until(lambda: teleop.client.state.inverse and teleop.client.state.tilt is not None)
             for name in ("up", "plus"):
                 teleop.handle_key(KeyPress(name), time.monotonic())
             assert spin_until(lambda: loop._loop.reference[1] == 0.1)
+            client.node.destroy_publisher(enabled)
+            assert spin_until(lambda: not teleop.client.state.inverse)
     finally:
         teleop.close()
         context.try_shutdown()

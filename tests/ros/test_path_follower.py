@@ -13,22 +13,23 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import Path as PathMessage  # noqa: E402
 from rcl_interfaces.srv import SetParametersAtomically  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from std_msgs.msg import Float64  # noqa: E402
+from std_msgs.msg import Bool, Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
+from servo_bridge.state_topics import STATE_QOS  # noqa: E402
 from softsim_core.errors import ConfigError  # noqa: E402
 from softsim_core.inverse.path_files import find_path  # noqa: E402
 from softsim_ros.inverse.path_follower_node import PathFollower  # noqa: E402
-from softsim_ros.messages import diagnostic_array, pose_stamped, time_message  # noqa: E402
-from softsim_ros.messages.diagnostics import OK, diagnostic_values  # noqa: E402
+from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
 from softsim_ros.runtime import SpinThread  # noqa: E402
+from softsim_ros.state_listener import StateListener  # noqa: E402
 
+FACTS = ("enabled", "playing", "paused", "file")
 PLAN = '{"anglePlanningTable": [[0.1, 0.0], [0.0, -0.1]]}'
 
 
@@ -39,7 +40,7 @@ class Bench:
         self.follower, self.client = follower, client
         self.goals: list[Any] = client.collect(PoseStamped, "effector_goal")
         self.progress: list[Any] = client.collect(Float64, "path_follower/progress")
-        self.reports: list[Any] = client.collect(DiagnosticArray, "/diagnostics")
+        self._told = {name: StateListener(client.node, f"path_follower/{name}") for name in FACTS}
 
     def start(self) -> tuple[bool, str]:
         answer = self.client.call(Trigger, "path_follower/start")
@@ -49,10 +50,9 @@ class Bench:
         answer = self.client.call(SetBool, f"path_follower/{name}", SetBool.Request(data=on))
         return answer.success, answer.message
 
-    @property
-    def state(self) -> str:
-        values = [diagnostic_values(report, "tripod/path_follower") for report in self.reports]
-        return next((each["state"] for each in reversed(values) if each), "unknown")
+    def tells(self, **facts: object) -> bool:
+        """Whether the newest of these state topics say so."""
+        return {name: self._told[name].value for name in facts} == facts
 
 
 @pytest.fixture
@@ -85,9 +85,11 @@ def start_follower(ros_domain: int, client: Any, tmp_path: Path) -> Iterator[Cal
 def test_a_plan_is_played_to_its_end(start_follower: Any, spin_until: Any) -> None:
     bench = start_follower(enable_inverse=False, speed=4.0)
     assert not bench.goals  # nothing is sent before the start
+    assert spin_until(lambda: bench.tells(enabled=True, playing=False, paused=False))
     assert bench.start() == (True, "path started: 1 s")
+    assert spin_until(lambda: bench.tells(playing=True))
     assert spin_until(lambda: bench.progress and bench.progress[-1].data == 100.0)
-    assert spin_until(lambda: bench.state == "ended")
+    assert spin_until(lambda: bench.tells(playing=False, paused=False))
     last, count = bench.goals[-1], len(bench.goals)
     assert last.header.frame_id == "world"
     assert last.pose.position.z == pytest.approx(0.05)  # 30 mm at rest, 20 mm up
@@ -110,12 +112,12 @@ def test_pause_and_enable(start_follower: Any, spin_until: Any) -> None:
     assert done
     assert sentence.startswith("paused at ")
     time = bench.follower._player.time
-    assert spin_until(lambda: bench.state == "paused")
+    assert spin_until(lambda: bench.tells(playing=False, paused=True))
     assert bench.follower._player.time == time
     assert bench.switch("pause", False)[0]
     assert spin_until(lambda: bench.follower._player.rounds > 0)  # the plan takes one second
     assert bench.switch("enable", False)[0]
-    assert spin_until(lambda: bench.state == "off")
+    assert spin_until(lambda: bench.tells(enabled=False, playing=False, paused=False))
 
 
 @pytest.mark.slow
@@ -155,12 +157,14 @@ def test_the_inverse_controller_is_switched_on_and_off_stops_the_path(
         ready.set()
         assert spin_until(lambda: bench.follower._player.state == "running")
         assert bench.follower._problem == ""
-        report(client, "following")
+        enabled = client.node.create_publisher(Bool, "inverse_controller/enabled", STATE_QOS)
+        enabled.publish(Bool(data=True))
         assert spin_until(lambda: bench.follower._inverse.is_on)
         assert bench.follower._player.state == "running"
-        report(client, "off")
+        enabled.publish(Bool(data=False))
         assert spin_until(lambda: bench.follower._player.state == "idle")
-        assert bench.follower._problem == "stopped: the inverse controller was switched off"
+        assert bench.follower._problem.startswith("stopped: the inverse controller was switched off")
+        client.node.destroy_publisher(enabled)
         assert tasks == ["height_tilt", "height_tilt"]
         assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
         assert bench.start()[0]
@@ -174,19 +178,13 @@ def test_it_starts_when_inverse_control_is_switched_on(
     start_follower: Any, client: Any, spin_until: Any
 ) -> None:
     bench = start_follower(start_with_inverse=True)
-    report(client, "off")
-    report(client, "holding")
+    enabled = client.node.create_publisher(Bool, "inverse_controller/enabled", STATE_QOS)
+    enabled.publish(Bool(data=False))
+    enabled.publish(Bool(data=True))
     assert spin_until(lambda: bench.follower._player.state == "running")
     assert spin_until(lambda: len(bench.goals) > 0)
-
-
-def report(client: Any, mode: str) -> None:
-    """Say what an inverse controller says of itself."""
-    stamp = client.node.get_clock().now().to_msg()
-    client.publish(
-        "/diagnostics",
-        diagnostic_array(stamp, "tripod/inverse_controller", "tripod", OK, mode, {"mode": mode}),
-    )
+    assert client.node.destroy_publisher(enabled)  # as where the controller ends
+    assert spin_until(lambda: bench.follower._player.state == "idle")
 
 
 def path_message(frame: str = "world", spacing: float = 0.2) -> PathMessage:
@@ -214,6 +212,7 @@ def test_a_path_comes_as_a_message(start_follower: Any, client: Any, spin_until:
     client.publish("path", path_message())
     assert spin_until(lambda: bench.follower._received is not None)
     assert bench.start() == (True, "path started: 0.4 s")
+    assert spin_until(lambda: bench.tells(file=""))
     assert spin_until(lambda: bench.goals and bench.goals[-1].pose.position.y == pytest.approx(0.002))
 
 
@@ -230,7 +229,7 @@ def test_a_maze_plan_can_begin_where_the_effector_is(
 
 
 @pytest.mark.slow
-def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
+def test_wrong_files_are_one_sentence(start_follower: Any, spin_until: Any) -> None:
     with pytest.raises(ConfigError, match="row 1: must be two finite angles"):
         start_follower('{"anglePlanningTable": [[0.1]]}')
     with pytest.raises(ConfigError, match=r"no such file, and no known path; known paths: circle\.csv"):
@@ -246,6 +245,7 @@ def test_wrong_files_are_one_sentence(start_follower: Any) -> None:
         assert len(refused.reason) <= 300
     assert bench.follower.set_parameters([Parameter("file", value="circle")])[0].successful
     assert bench.start()[0]
+    assert spin_until(lambda: bench.tells(file="circle"))
 
 
 def test_its_robot_stays_the_same(start_follower: Any) -> None:

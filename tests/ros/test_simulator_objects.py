@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros]
 
 from builtin_interfaces.msg import Time  # noqa: E402
-from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped, WrenchStamped  # noqa: E402
+from geometry_msgs.msg import PoseArray, PoseStamped, WrenchStamped  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
@@ -143,21 +143,22 @@ def test_a_base_goes_where_a_message_says_and_a_wrong_name_is_a_warning(tripod: 
     assert spin_until(lambda: frames)
     place = 1 + 2 * 1  # the effector's frame, then base and horn of each servo
     start = frames[-1].poses[place].position
-    message = PointStamped()
-    message.header.frame_id = "servo_1"
-    message.point.x, message.point.y, message.point.z = start.x, start.y, start.z + 0.005
+    message = messages.base_target(Time(), "servo_1", (start.x, start.y, start.z + 0.005))
 
     def moved() -> bool:
         tripod.client.publish("base_target", message)
         return bool(abs(frames[-1].poses[place].position.z - start.z - 0.005) < 1e-9)
 
     assert spin_until(moved)
-    message.header.frame_id = "servo_9"
+    message.joint_names = ["servo_9"]
 
     def warned() -> bool:
         tripod.client.publish("base_target", message)
         return bool(tripod.warns("no joint 'servo_9' has a base"))
 
     assert spin_until(warned)
+    message.joint_names = ["servo_1", "servo_1"]
+    tripod.client.publish("base_target", message)
+    assert tripod.warns("2 joint names with 1 transforms; name one joint a message")
     assert tripod.trigger("reset")[0]
     assert spin_until(lambda: frames[-1].poses[place].position.z == start.z)

@@ -13,22 +13,30 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.description import JointDescription, SceneDescription
 from softsim_core.scene.robot import RobotDescription
+from softsim_ros.client.state import RobotState
+from softsim_ros.keys.press import KeyState
 from softsim_ros.teleop.display import View, bar, frame, render
-from softsim_ros.teleop.state import TeleopState
 
 TRIPOD = load_scene("tripod")
-STATE = TeleopState(
+STATE = RobotState(
     measured=(-1.4963, -1.0, 0.0),
     measured_at=10.0,
     commanded=(-1.4965, -1.1, -0.5),
     bridge="no-comm",
-    last_key="Ctrl+Up",
-    message="servo_0 to -1.3965 rad (-80.0 deg)",
 )
+KEYS = KeyState(last_key="Ctrl+Up")
+MESSAGE = "servo_0 to -1.3965 rad (-80.0 deg)"
 
 
-def shown(state: TeleopState = STATE, size: tuple[int, int] = (80, 24), now: float = 10.0) -> list[str]:
-    return render(View(TRIPOD, state, now, "/tripod"), *size)
+def shown(
+    state: RobotState = STATE,
+    size: tuple[int, int] = (80, 24),
+    now: float = 10.0,
+    *,
+    keys: KeyState = KEYS,
+    message: str = MESSAGE,
+) -> list[str]:
+    return render(View(TRIPOD, state, keys, message, now, "/tripod"), *size)
 
 
 def test_a_usual_terminal_shows_everything() -> None:
@@ -59,8 +67,7 @@ def test_a_usual_terminal_shows_everything() -> None:
     width=st.integers(1, 200), height=st.integers(1, 60), message=st.text(max_size=300), known=st.booleans()
 )
 def test_it_fits_every_size(width: int, height: int, message: str, known: bool) -> None:
-    state = replace(STATE if known else TeleopState(), message=message)
-    lines = shown(state, (width, height))
+    lines = shown(STATE if known else RobotState(), (width, height), message=message)
     assert 1 <= len(lines) <= height
     assert all(len(line) <= width and ((line.isascii() and line.isprintable()) or not line) for line in lines)
 
@@ -86,7 +93,7 @@ def test_small_terminals_keep_what_matters(
 @pytest.mark.parametrize(
     ("state", "now", "wanted"),
     [
-        (TeleopState(), 0.0, "simulator: no data yet"),
+        (RobotState(), 0.0, "simulator: no data yet"),
         (STATE, 14.0, "simulator: no data for 4 s"),
         (replace(STATE, simulator="paused"), 10.0, "simulator: paused"),
         (replace(STATE, simulator="paused"), 14.0, "simulator: paused"),
@@ -100,7 +107,7 @@ def test_small_terminals_keep_what_matters(
         (STATE, 10.0, "no-comm (ready, not sending)"),
         (replace(STATE, bridge="comm"), 10.0, "comm (sending)"),
         (replace(STATE, bridge="init"), 10.0, "init (port closed)"),
-        (TeleopState(), 0.0, "servo bridge: not running"),
+        (RobotState(), 0.0, "servo bridge: not running"),
         (replace(STATE, inverse=True), 10.0, "inverse control: on"),
         (replace(STATE, pulses_at=9.0), 10.0, "emulated board: pulses none yet (us)"),
         (
@@ -110,7 +117,7 @@ def test_small_terminals_keep_what_matters(
         ),
     ],
 )
-def test_states_have_words(state: TeleopState, now: float, wanted: str) -> None:
+def test_states_have_words(state: RobotState, now: float, wanted: str) -> None:
     assert wanted in "\n".join(shown(state, (120, 24), now))
 
 
@@ -119,13 +126,13 @@ def test_pulses_that_nobody_measures_any_more_are_not_shown() -> None:
 
 
 def test_help_can_be_hidden() -> None:
-    lines = shown(replace(STATE, show_help=False))
+    lines = shown(keys=replace(KEYS, show_help=False))
     assert "? shows the keys" in lines
     assert not any("start pose" in line for line in lines)
 
 
 def test_a_long_message_is_wrapped() -> None:
-    lines = shown(replace(STATE, message="word " * 30), (40, 30))
+    lines = shown(size=(40, 30), message="word " * 30)
     assert sum("word" in line for line in lines) == 3
 
 
@@ -152,7 +159,8 @@ def test_joints_without_limits() -> None:
     assert bar(turning, 0.0, math.pi, 11) == "[----o---|]"
     assert bar(slide, 0.0, 1.0, 11) == "[---------]"
     robot = RobotDescription(scene=SceneDescription(name="two", joints=(turning, slide)))
-    lines = render(View(robot, TeleopState(measured=(1.0, 0.0123), measured_at=0.0), 0.0, "/two"), 100, 24)
+    state = RobotState(measured=(1.0, 0.0123), measured_at=0.0)
+    lines = render(View(robot, state, KEYS, "", 0.0, "/two"), 100, 24)
     assert any("57.3" in line and "inf" in line for line in lines)
     assert any("12.3" in line for line in lines)
     assert any("rad|m" in line and "deg|mm" in line for line in lines)

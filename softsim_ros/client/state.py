@@ -1,10 +1,10 @@
-"""What the teleop knows: measured and commanded joints, the robot's nodes, the last key; immutable, SI."""
+"""What a client knows of a robot: measured and commanded joints, goal, the robot's nodes; immutable, SI."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from softsim_core.scene.robot import RobotDescription
@@ -30,67 +30,75 @@ class EffectorPose(NamedTuple):
     quaternion_xyzw: tuple[float, float, float, float]
 
 
-class TiltReference(NamedTuple):
-    """Reference of the closed loop: tilts about x and y in [rad], and the axis that the keys turn."""
+class Tilt(NamedTuple):
+    """Reference of the closed loop: tilts about x and y in [rad]."""
 
-    axis: Literal["x", "y"]
     x: float
     y: float
 
 
 @dataclass(frozen=True, slots=True)
-class TeleopState:
-    """Everything a key press depends on and the display shows.
+class RobotState:
+    """Everything known of a robot and its nodes.
 
     Attributes:
         measured: Measured joint positions in [rad] or [m], joint order; None before the first message.
         measured_at: Time of the newest measurement, steady clock, in [s].
+        efforts: Torque in [N m] or force in [N] of each joint, joint order; empty: not told.
         commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
         trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
         owns_command: `commanded` was sent from here, so it is ours to repeat where repeating is needed.
         echoes: Own commands that have not come back on the topic yet, oldest first.
         simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
         real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
+        time_s: Simulated time in [s]; None: not heard.
+        dt: Time step in [s]; None: not heard.
+        fault: What the simulator says is wrong; empty while nothing is.
+        scene_error: The same where a file of the scene is the cause.
         enforce_limits: Whether the simulator keeps joint limits; None: not heard, the robot's file decides.
-        inverse: Inverse control is on, it owns the command topic; the arrow keys move the goal.
+        inverse: Inverse control is on, it owns the command topic.
         inverse_note: The inverse controller's newest sentence, such as "unreachable, 3.2 mm away".
-        goal: The goal these keys moved; None before the first step.
+        goal: The goal given from here; None before the first.
+        heard_goal: The newest goal on the topic while inverse control is on, whoever gave it.
         effector: Where the effector is; None before the first message.
         effector_at: Time of that message, steady clock, in [s].
         tilt: The closed loop's reference while the loop is on; None: it is not.
         bridge: State of the servo bridge.
+        e_stopped: Whether the servos are held still by the e-stop.
         pulses_us: Pulse widths in [us] that an emulated board measures on its pins; empty: there are none.
         pulses_at: Time of that message, steady clock, in [s]; without an emulated board there is none.
-        seen_at: When each key was last seen, repeats included, in [s].
-        acted_at: When each key last had an effect, in [s].
-        last_key: Label of the newest key.
-        message: Newest sentence for the person.
-        show_help: The key table is shown.
     """
 
     measured: tuple[float, ...] | None = None
     measured_at: float = -math.inf
+    efforts: tuple[float, ...] = ()
     commanded: tuple[float, ...] | None = None
     trusted_until: float = -math.inf
     owns_command: bool = False
     echoes: tuple[tuple[float, ...], ...] = ()
     simulator: str = ""
     real_time_factor: float | None = None
+    time_s: float | None = None
+    dt: float | None = None
+    fault: str = ""
+    scene_error: str = ""
     enforce_limits: bool | None = None
     inverse: bool = False
     inverse_note: str = ""
     goal: EffectorPose | None = None
+    heard_goal: EffectorPose | None = None
     effector: EffectorPose | None = None
     effector_at: float = -math.inf
-    tilt: TiltReference | None = None
+    tilt: Tilt | None = None
     bridge: BridgeState = "not running"
+    e_stopped: bool = False
     pulses_us: tuple[float, ...] = ()
     pulses_at: float = -math.inf
-    seen_at: Mapping[str, float] = field(default_factory=dict)
-    acted_at: Mapping[str, float] = field(default_factory=dict)
-    last_key: str = ""
-    message: str = ""
-    show_help: bool = True
+
+    @property
+    def stands(self) -> bool:
+        """The simulation makes no steps."""
+        return self.simulator in ("paused", "stopped")
 
     @property
     def paused(self) -> bool:
@@ -102,16 +110,18 @@ class TeleopState:
         return self.measured is not None and now - self.measured_at <= STALE_AFTER_S
 
 
-def with_measurement(state: TeleopState, positions: Sequence[float], now: float) -> TeleopState:
-    """The state after a measurement of all joints; a non-finite one is reported and not used."""
+def with_measurement(
+    state: RobotState, positions: Sequence[float], now: float, efforts: Sequence[float] = ()
+) -> RobotState:
+    """The state after a measurement of all joints; one with a position that is not finite is not used."""
     if not all(map(math.isfinite, positions)):
-        return replace(state, message="a joint position that is not a finite number arrived and was ignored")
-    return replace(state, measured=tuple(positions), measured_at=now)
+        return state
+    return replace(state, measured=tuple(positions), measured_at=now, efforts=tuple(efforts))
 
 
 def with_heard_command(
-    state: TeleopState, robot: RobotDescription, values: Sequence[float], now: float
-) -> TeleopState:
+    state: RobotState, robot: RobotDescription, values: Sequence[float], now: float
+) -> RobotState:
     """The state after a command on the topic: our own changes nothing, another's becomes the newest."""
     heard = tuple(values)
     if heard in state.echoes:
@@ -124,8 +134,8 @@ def with_heard_command(
 
 
 def with_command(
-    state: TeleopState, robot: RobotDescription, values: tuple[float, ...], now: float, *, own: bool = False
-) -> TeleopState:
+    state: RobotState, robot: RobotDescription, values: tuple[float, ...], now: float, *, own: bool = False
+) -> RobotState:
     """The state once `values` are on their way to the joints; `own`: they will be heard back on the topic."""
     start = state.measured or values
     travel = max(
@@ -141,8 +151,8 @@ def with_command(
     )
 
 
-def held_positions(state: TeleopState, now: float) -> tuple[float, ...]:
-    """What to command joints that a key does not move: their command, or where they are if it was overridden.
+def held_positions(state: RobotState, now: float) -> tuple[float, ...]:
+    """What to command joints that are not to move: their command, or where they are if it was overridden.
 
     A joint keeps its command while it may still be moving there, or stands there; otherwise something else (a
     trajectory, a reset) moved it, and an old command must not pull it back.
@@ -156,6 +166,16 @@ def held_positions(state: TeleopState, now: float) -> tuple[float, ...]:
     )
 
 
-def with_inverse(state: TeleopState, enabled: bool) -> TeleopState:
+def with_inverse(state: RobotState, enabled: bool) -> RobotState:
     """The state once inverse control is on, or off: either way the goal of before is forgotten."""
-    return replace(state, inverse=enabled, goal=None, inverse_note="")
+    return replace(state, inverse=enabled, goal=None, heard_goal=None, inverse_note="")
+
+
+def known_effector(state: RobotState, now: float) -> EffectorPose | None:
+    """Where the effector is at `now` [s]; None when it was not heard of lately."""
+    return state.effector if now - state.effector_at <= STALE_AFTER_S else None
+
+
+def enforces_limits(state: RobotState, robot: RobotDescription) -> bool:
+    """Whether joint limits hold: as the simulator says, or before it does, as the robot's file says."""
+    return robot.commands.enforce_limits if state.enforce_limits is None else state.enforce_limits

@@ -1,4 +1,4 @@
-"""The teleop's parameters."""
+"""Parameters of a node whose user has keys: which robot they drive, and how."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from softsim_node.parameters import declare, parameter, parameter_probe
-from softsim_ros.teleop.commands import REPEAT_INTERVAL_S
-from softsim_ros.teleop.goal import GOAL_STEP_M
+from softsim_ros.keys.press import REPEAT_INTERVAL_S
+from softsim_ros.keys.table import GOAL_STEP_M
 
 DEFAULT_ROBOT: Final = "tripod"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TeleopSettings:
+class KeySettings:
     """Values of the parameters."""
 
     robot: str = parameter(
@@ -27,7 +27,7 @@ class TeleopSettings:
     )
 
 
-def requested_robot() -> str:
+def requested_robot(node_name: str) -> str:
     """The parameter `robot` given to this process, read before the node takes its namespace from it."""
-    with parameter_probe("teleop", namespace=DEFAULT_ROBOT) as probe:
-        return declare(probe, TeleopSettings()).robot
+    with parameter_probe(node_name, namespace=DEFAULT_ROBOT) as probe:
+        return declare(probe, KeySettings()).robot

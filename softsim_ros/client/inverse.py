@@ -1,0 +1,129 @@
+"""Inverse control as a client sees it: its switch, its report, goal and effector."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from softsim_ros.client.goals import format_point, moved_goal
+from softsim_ros.client.known import Known
+from softsim_ros.client.services import Done, Outcome, Request, unheeded
+from softsim_ros.client.state import STALE_AFTER_S, EffectorPose, with_inverse
+from softsim_ros.messages import pose_stamped
+from softsim_ros.qos import NEWEST_ONLY
+from softsim_ros.state_listener import StateListener
+
+
+class Inverse:
+    """Follows `inverse_controller` of the node's namespace and gives it goals.
+
+    The effector is the measured one; where nobody measures it, the controller's model. Topics:
+    `effector_goal` out, and in again to see the goals of others; `effector_pose` and
+    `inverse_controller/model_pose` in.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        known: Where effector, goal and switch are kept.
+    """
+
+    def __init__(self, node: Node, known: Known) -> None:
+        self._known, self._clock = known, node.get_clock()
+        self._enable = Request(node, SetBool, "inverse_controller/enable", "inverse control", known.say)
+        self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
+        self._measured_at, self._tells_why = -math.inf, False
+        StateListener(node, "inverse_controller/enabled", self._on_enabled)
+        for topic, callback in (
+            ("effector_pose", self._on_measured),
+            ("inverse_controller/model_pose", self._on_model),
+            ("effector_goal", self._on_goal),
+        ):
+            node.create_subscription(PoseStamped, topic, callback, NEWEST_ONLY)
+
+    # --- actions --------------------------------------------------------------------------------------
+
+    def enable(self, enabled: bool, done: Done = unheeded) -> None:
+        """Switch it on or off."""
+
+        def switched() -> str:
+            self._known.put(with_inverse(self._known.state, enabled))
+            return f"inverse control is {'on' if enabled else 'off'}"
+
+        self._enable.ask(SetBool.Request(data=enabled), done, switched)
+
+    def toggle(self, done: Done = unheeded) -> None:
+        """Switch it on while it is off, and off while it is on."""
+        self.enable(not self._known.state.inverse, done)
+
+    def give_goal(self, goal: EffectorPose, done: Done = unheeded) -> None:
+        """Give it a goal; nothing while it is off."""
+        if not self._known.state.inverse:
+            self._end(Outcome(False, "goal not given: inverse control is off"), done)
+            return
+        self._known.change(goal=goal, heard_goal=goal)
+        stamp = self._clock.now().to_msg()
+        self._goals.publish(pose_stamped(stamp, "world", goal.position, goal.quaternion_xyzw))
+        self._end(Outcome(True, ""), done)
+
+    def move_goal(self, shift: Sequence[float], done: Done = unheeded) -> None:
+        """Move the goal; the first one is the effector's present pose, moved.
+
+        Args:
+            shift: How far along world x, y, z in [m].
+            done: Called with the end.
+        """
+        goal = moved_goal(self._known.state, shift, time.monotonic())
+        if goal is None:
+            self._end(Outcome(False, "goal not moved: no effector pose received yet"), done)
+        else:
+            self._known.say(f"goal {format_point(goal)} mm")
+            self.give_goal(goal, done)
+
+    def _end(self, end: Outcome, done: Done) -> None:
+        if end.sentence:
+            self._known.say(end.sentence)
+        done(end)
+
+    # --- what it does ---------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> None:
+        """Give up calls that have waited too long; `now` is a steady clock in [s]."""
+        self._enable.expire(now)
+
+    def take_sentence(self, sentence: str) -> None:
+        """Take how the controller fares; after somebody else's switch it is said."""
+        if self._tells_why and sentence:
+            self._tells_why = False
+            self._known.say(sentence)
+        self._known.change(inverse_note=sentence if self._known.state.inverse else "")
+
+    def _on_enabled(self, enabled: bool | None) -> None:
+        if bool(enabled) == self._known.state.inverse:
+            return
+        self._known.put(with_inverse(self._known.state, bool(enabled)))
+        if enabled is None:
+            self._known.say("inverse control has ended; the keys drive the joints again")
+        else:
+            self._tells_why = not self._enable.is_busy
+
+    def _on_measured(self, message: PoseStamped) -> None:
+        self._measured_at = time.monotonic()
+        self._known.change(effector=_pose(message), effector_at=self._measured_at)
+
+    def _on_model(self, message: PoseStamped) -> None:
+        now = time.monotonic()
+        if now - self._measured_at > STALE_AFTER_S:
+            self._known.change(effector=_pose(message), effector_at=now)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        if self._known.state.inverse:
+            self._known.change(heard_goal=_pose(message))
+
+
+def _pose(message: PoseStamped) -> EffectorPose:
+    place, turn = message.pose.position, message.pose.orientation
+    return EffectorPose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))

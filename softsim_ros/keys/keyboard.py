@@ -1,0 +1,89 @@
+"""`Keyboard`: the keys of one user interface, from a press to what the client does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from softsim_core.scene.control import Action
+from softsim_node.parameters import LiveParameters
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.keys.names import KeyPress
+from softsim_ros.keys.parameters import KeySettings
+from softsim_ros.keys.press import (
+    CallAction,
+    Deed,
+    KeyState,
+    MoveGoal,
+    Quit,
+    Refer,
+    press,
+)
+from softsim_ros.qos import EVERY_ONE
+
+
+class Keyboard:
+    """Keys of a person; each goes out on the topic `keys` as well, for the scene's own functions.
+
+    Declares the node's parameters `KeySettings`.
+
+    Args:
+        node: The node of the user interface.
+        client: What is driven.
+        say: Called with one sentence for the person.
+
+    Attributes:
+        state: What is known of the keys.
+        quit_requested: Whether a key has asked to end.
+    """
+
+    def __init__(self, node: Node, client: RobotClient, say: Callable[[str], None]) -> None:
+        self._client, self._say = client, say
+        self.state, self.quit_requested = KeyState(), False
+        self._keys = node.create_publisher(String, "keys", EVERY_ONE)
+        self._settings = LiveParameters(node, KeySettings(robot=client.robot.name))
+        self._actions: Mapping[Action, Callable[[], None]] = {
+            "start": client.simulator.start,
+            "reset": client.simulator.reset,
+            "pause": client.simulator.toggle_pause,
+            "inverse": client.inverse.toggle,
+            "send": client.bridge.toggle,
+        }
+
+    def press(self, key: KeyPress, now: float) -> None:
+        """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
+        self._keys.publish(String(data=key.name))
+        client, settings = self._client, self._settings.values
+        self.state, deed, sentence = press(
+            self.state, client.robot, client.state, key, now, settings.repeat_interval, settings.goal_step
+        )
+        if sentence:
+            self._say(sentence)
+        if deed is not None:
+            self._carry_out(deed)
+
+    def click(self, name: str) -> None:
+        """A click on a key's button: it acts each time, as no key is held."""
+        seen = {key: at for key, at in self.state.seen_at.items() if key != name}
+        self.state = replace(self.state, seen_at=seen)
+        self.press(KeyPress(name), time.monotonic())
+
+    def press_with_ctrl(self, name: str) -> None:
+        """A key with Ctrl; one that is held down repeats, and is slowed down."""
+        self.press(KeyPress(name, ctrl=True), time.monotonic())
+
+    def _carry_out(self, deed: Deed) -> None:
+        if isinstance(deed, Quit):
+            self.quit_requested = True
+        elif isinstance(deed, CallAction):
+            self._actions[deed.action]()
+        elif isinstance(deed, MoveGoal):
+            self._client.inverse.move_goal(deed.shift)
+        elif isinstance(deed, Refer):
+            self._client.closed_loop.refer(deed.reference)
+        else:
+            self._client.joints.obey(deed)

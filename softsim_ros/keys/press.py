@@ -1,0 +1,171 @@
+"""What a key press asks for: pure rules from key, bindings and what is known to one deed of the client."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+from softsim_core.scene.control import Action, KeyBinding
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.units import degrees
+from softsim_ros.client.state import RobotState, Tilt
+from softsim_ros.client.wishes import GoToPose, StepJoints
+from softsim_ros.keys.names import KeyPress
+from softsim_ros.keys.table import GOAL_KEYS, GOAL_STEP_M, HELP_KEY, TILT_KEYS, TILT_STEP_RAD, key_table
+
+REPEAT_INTERVAL_S: Final = 0.1
+"""Shortest time in [s] between two effects of one key: a held key moves at most ten steps per second."""
+
+HOLD_GAP_S: Final = 0.75
+"""A key seen again within this time in [s] is still held: longer than the delay before keys repeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveGoal:
+    """Move the effector's goal along world x, y, z in [m]."""
+
+    shift: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Refer:
+    """Give the closed loop a reference."""
+
+    reference: Tilt
+
+
+@dataclass(frozen=True, slots=True)
+class CallAction:
+    """Do what an action's name says."""
+
+    action: Action
+
+
+@dataclass(frozen=True, slots=True)
+class Quit:
+    """End the program."""
+
+
+Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | Refer | CallAction | Quit
+
+
+@dataclass(frozen=True, slots=True)
+class KeyState:
+    """What is known of the keys.
+
+    Attributes:
+        seen_at: When each key was last seen, repeats included, in [s].
+        acted_at: When each key last had an effect, in [s].
+        last_key: Label of the newest key.
+        show_help: The key table is shown.
+        axis: The axis about which keys turn the closed loop's reference.
+    """
+
+    seen_at: Mapping[str, float] = field(default_factory=dict)
+    acted_at: Mapping[str, float] = field(default_factory=dict)
+    last_key: str = ""
+    show_help: bool = True
+    axis: Literal["x", "y"] = "y"
+
+
+class Pressed(NamedTuple):
+    """What comes of a press: the keys' state after it, what is to be done, and a sentence (empty: none)."""
+
+    keys: KeyState
+    deed: Deed | None = None
+    sentence: str = ""
+
+
+def press(
+    keys: KeyState,
+    robot: RobotDescription,
+    state: RobotState,
+    key: KeyPress,
+    now: float,
+    repeat_interval_s: float = REPEAT_INTERVAL_S,
+    goal_step_m: float = GOAL_STEP_M,
+) -> Pressed:
+    """What a key press asks for.
+
+    While inverse control is on the keys of GOAL_KEYS move the goal, or turn the closed loop's reference while
+    that gives the goals, whatever the robot's file binds them to.
+
+    Args:
+        keys: What is known of the keys before.
+        robot: Joints, poses, key bindings.
+        state: What is known of the robot.
+        key: The key; plain and Ctrl+key do the same, except that Ctrl+C always quits.
+        now: Steady clock in [s].
+        repeat_interval_s: Shortest time in [s] between two steps of one held key.
+        goal_step_m: How far a key moves the goal, in [m].
+    """
+    if key == KeyPress("c", ctrl=True):
+        return Pressed(replace(keys, last_key=str(key)), Quit())
+    held = now - keys.seen_at.get(key.name, -math.inf) < HOLD_GAP_S
+    since = now - keys.acted_at.get(key.name, -math.inf)
+    keys = replace(keys, last_key=str(key), seen_at={**keys.seen_at, key.name: now})
+    acted = replace(keys, acted_at={**keys.acted_at, key.name: now})
+    if state.inverse and key.name in GOAL_KEYS:
+        if since < repeat_interval_s:
+            return Pressed(keys)
+        if state.tilt is not None:
+            return _turn(acted, state.tilt, key.name)
+        return Pressed(acted, _goal_shift(key.name, goal_step_m))
+    binding = key_table(robot).get(key.name)
+    if binding is None:
+        return _unbound(keys, robot, key, held)
+    if binding.action is not None:
+        return _action(keys, key, binding.action, held)
+    if since < _shortest_interval(robot, binding, repeat_interval_s):
+        return Pressed(keys)
+    if binding.pose is not None:
+        return Pressed(acted, GoToPose(binding.pose))
+    return Pressed(acted, StepJoints(binding.joints, binding.by))
+
+
+def _unbound(keys: KeyState, robot: RobotDescription, key: KeyPress, held: bool) -> Pressed:
+    if key.name == HELP_KEY:
+        return Pressed(replace(keys, show_help=keys.show_help if held else not keys.show_help))
+    if any(controller.on_key for controller in robot.controllers):
+        return Pressed(keys, None, f"{key} goes to the scene's own code")
+    return Pressed(keys, None, f"{key} is not bound; {HELP_KEY} shows the keys")
+
+
+def _action(keys: KeyState, key: KeyPress, action: Action, held: bool) -> Pressed:
+    if action == "quit":
+        return Pressed(keys, Quit())
+    if held:  # a held key must not switch something on and off
+        return Pressed(keys)
+    return Pressed(keys, CallAction(action), f"{key}: {action} ...")
+
+
+def _goal_shift(name: str, step_m: float) -> MoveGoal:
+    sign, axis = GOAL_KEYS[name]
+    x, y, z = (sign * step_m if each == axis else 0.0 for each in "xyz")
+    return MoveGoal((x, y, z))
+
+
+def _turn(keys: KeyState, reference: Tilt, name: str) -> Pressed:
+    """What a goal key asks for while the closed loop gives the goals."""
+    if name not in TILT_KEYS:
+        return Pressed(keys, None, "nothing moved: the closed loop gives the goals")
+    if name in ("up", "right"):
+        keys = replace(keys, axis="y" if name == "up" else "x")
+        return Pressed(keys, None, tilt_line(reference, keys.axis))
+    step = TILT_STEP_RAD if name == "plus" else -TILT_STEP_RAD
+    turned = reference._replace(**{keys.axis: round(getattr(reference, keys.axis) + step, 9)})
+    return Pressed(keys, Refer(turned), tilt_line(turned, keys.axis))
+
+
+def tilt_line(reference: Tilt, axis: str) -> str:
+    """The reference for the display, in degrees, and which axis the keys turn."""
+    x, y = (round(degrees(value), 1) + 0.0 for value in reference)  # + 0.0: no "-0.0"
+    return f"tilt reference deg: x {x:.1f} y {y:.1f}   + and - turn {axis}"
+
+
+def _shortest_interval(robot: RobotDescription, binding: KeyBinding, repeat_interval_s: float) -> float:
+    """Time in [s] between two steps, so that a held key moves no joint faster than its top speed."""
+    speeds = [joint.limits.speed for joint in robot.joints if joint.name in binding.joints]
+    return max(repeat_interval_s, *(abs(binding.by) / speed for speed in speeds), 0.0)

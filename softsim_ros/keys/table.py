@@ -1,0 +1,64 @@
+"""Which key does what: a robot's own bindings, those every robot has, and those of goal and tilt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from softsim_core.errors import listing
+from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.keys.names import KEY_NAMES
+
+HELP_KEY: Final = "?"
+
+BUILT_IN: Final[Mapping[str, KeyBinding]] = {
+    "space": KeyBinding(action="pause", help="pause / go on"),
+    "r": KeyBinding(action="reset", help="reset the simulation"),
+    "x": KeyBinding(action="quit", help="quit"),
+}
+"""Keys every robot has unless its file binds them to something else."""
+
+GOAL_STEP_M: Final = 0.002
+"""How far one press moves the goal, in [m]."""
+
+GOAL_KEYS: Final[Mapping[str, tuple[int, str]]] = {
+    "up": (1, "x"),
+    "down": (-1, "x"),
+    "left": (1, "y"),
+    "right": (-1, "y"),
+    "plus": (1, "z"),
+    "minus": (-1, "z"),
+}
+"""Direction and world axis of each key while inverse control is on: REP-103, x forward, y left, z up."""
+
+TILT_STEP_RAD: Final = 0.1
+"""How far one press turns the reference of the closed loop, in [rad]."""
+
+TILT_KEYS: Final[Mapping[str, str]] = {
+    "up": "tilt about y",
+    "right": "tilt about x",
+    "plus": "more tilt",
+    "minus": "less tilt",
+}
+"""What each key does while the closed loop is on: arrows choose an axis, in a frame with y up its x and z."""
+
+
+def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
+    """All bindings of a robot: its own, then the built-in ones it leaves free."""
+    return {**robot.keys, **{key: binding for key, binding in BUILT_IN.items() if key not in robot.keys}}
+
+
+def unknown_keys(robot: RobotDescription) -> str | None:
+    """A sentence about keys of the robot's file that no terminal sends, or None."""
+    unknown = [key for key in robot.keys if key not in KEY_NAMES]
+    if not unknown:
+        return None
+    names = sorted(key for key in KEY_NAMES if len(key) > 1)
+    return f"no terminal sends the key {listing(unknown)}; use a letter, digit or sign, or {listing(names)}"
+
+
+def goal_help(name: str) -> str:
+    """What a goal key does, for the display: "goal +x"."""
+    sign, axis = GOAL_KEYS[name]
+    return f"goal {'+' if sign > 0 else '-'}{axis}"

@@ -1,0 +1,48 @@
+"""A latched state topic as another node hears it: the newest value, for as long as its publisher lives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+
+from servo_bridge.state_topics import STATE_QOS
+from softsim_ros.messages.state_topics import STATE_TOPICS
+
+
+class StateListener:
+    """Follows one of STATE_TOPICS in a node's namespace.
+
+    Args:
+        node: Its executor delivers the messages.
+        topic: Name in STATE_TOPICS, such as "simulator/paused".
+        changed: Called with the new `value` whenever that is another one.
+
+    Attributes:
+        value: The fact: True or False, a text, or the message of topics of another type. None while no
+            publisher lives: none was found yet, it has ended, or its process has been dead for LEASE_S.
+    """
+
+    def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
+        self.value: Any = None
+        self._newest: Any = None
+        self._changed = changed
+        events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
+        node.create_subscription(
+            STATE_TOPICS[topic], topic, self._on_message, STATE_QOS, event_callbacks=events
+        )
+
+    def _on_message(self, message: Any) -> None:
+        self._newest = getattr(message, "data", message)
+        self._take(self._newest)
+
+    def _on_liveliness(self, status: Any) -> None:
+        """A publisher began or ended; one that was only stopped goes on with what it said last."""
+        self._take(self._newest if status.alive_count else None)
+
+    def _take(self, value: Any) -> None:
+        if value != self.value:
+            self.value = value
+            self._changed(value)

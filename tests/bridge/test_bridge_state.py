@@ -1,0 +1,69 @@
+"""The bridge's state as data, from its latched topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from bridge_session import spinning
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.bridge_node import ServoBridge
+from softsim_ros.messages.state_topics import STATE_TOPICS
+from softsim_ros.state_listener import StateListener
+
+
+def test_the_bridge_tells_its_state(
+    client: Any, board: Any, stream: Callable[..., Any], wait_until: Callable[..., bool]
+) -> None:
+    overrides = {"port": board.port, "open_wait_s": 0.0, "source": "commands", "robot": "tripod"}
+    bridge = ServoBridge(
+        context=client.context,
+        namespace="tripod",
+        parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
+    )
+    labels: list[str] = []
+
+    def see(state: Any) -> None:
+        labels.append("gone" if state is None else state.label)
+
+    listener = Node("listener", context=client.context, namespace="tripod")
+    names = [name for name in STATE_TOPICS if name.startswith("servo_bridge/")]
+    heard = {
+        name.partition("/")[2]: StateListener(
+            listener, name, see if name.endswith("state") else lambda _: None
+        )
+        for name in names
+    }
+
+    def becomes(**wanted: object) -> bool:
+        return wait_until(lambda: {name: heard[name].value for name in wanted} == wanted)
+
+    with spinning(listener, client.context):
+        with spinning(bridge, client.context):
+            assert becomes(connected=False, sending=False, e_stop_latched=False, commanded_by="")
+            assert client.transition("configure")
+            assert becomes(connected=True, sending=False)
+            assert client.transition("activate")
+            assert becomes(sending=True, commanded_by="")
+            commands = client.publisher(Float64MultiArray, "position_controller/commands")
+            stream(commands, Float64MultiArray(data=[-0.2, -0.2, -0.2]))
+            assert becomes(commanded_by="/tripod/position_controller/commands")
+            assert client.trigger("servo_bridge/e_stop").success
+            assert becomes(e_stop_latched=True, commanded_by="")
+            assert client.trigger("servo_bridge/clear_e_stop").success
+            assert becomes(e_stop_latched=False, commanded_by="/tripod/position_controller/commands")
+            assert client.transition("deactivate")
+            assert becomes(connected=True, sending=False, commanded_by="")
+            assert client.transition("cleanup")
+            assert becomes(connected=False)
+            assert wait_until(lambda: labels[-1] == "unconfigured")
+        assert becomes(state=None, e_stop_latched=None)
+    through = ["unconfigured", "configuring", "inactive", "active", "deactivating", "inactive"]
+    assert [label for label in labels if label not in ("activating", "cleaningup")][:6] == through

@@ -1,0 +1,100 @@
+"""A script's client and a real simulator: what it reads, asks and refuses; the example as it stands."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from softsim_core.scene import load_scene
+from softsim_ros.client.discovery import running_robots
+from softsim_ros.client.session import ClientError, RobotSession, connect
+from softsim_ros.client.state import EffectorPose
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+MID = load_scene("tripod").poses["mid"]
+
+
+@pytest.fixture
+def robot(tripod: Any, ros_domain: int) -> Iterator[RobotSession]:
+    with connect("tripod", domain=ros_domain) as session:
+        yield session
+
+
+def test_the_example_runs_as_it_stands(tripod: Any) -> None:
+    run = subprocess.run(
+        [sys.executable, str(REPOSITORY / "examples" / "drive_a_robot.py")],
+        cwd=REPOSITORY,
+        env=None,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    lines = run.stdout.splitlines()
+    assert "mid [-1.05, -1.05, -1.05]" in lines
+    assert "servo_0 stops at its upper limit -0.0255 rad (-1.5 deg)" in lines
+    assert lines[-1].startswith("nothing moved: unknown pose upside_down; known: ")
+
+
+def test_commands_arrive_within_limits_and_the_state_follows(robot: RobotSession) -> None:
+    assert robot.do(robot.client.joints.go_to, "mid") == "pose mid"
+    state = robot.wait_until_there()
+    assert state.measured == pytest.approx(MID, abs=0.02)
+    assert len(state.efforts) == 3
+    assert (state.simulator, state.bridge, state.inverse) == ("running", "not running", False)
+    assert "servo_2 stops at its upper limit" in robot.do(robot.client.joints.command, [-1.0, -1.0, 5.0])
+    assert robot.state.commanded == pytest.approx((-1.0, -1.0, -0.0255))
+    with pytest.raises(ClientError, match="command of 1 values refused: expected 3"):
+        robot.do(robot.client.joints.command, [0.0])
+
+
+def test_time_stands_still_steps_and_begins_anew(robot: RobotSession) -> None:
+    simulator = robot.client.simulator
+    robot.do(simulator.step)  # pauses first
+    assert robot.state.simulator == "paused"
+    measured_at = robot.wait_until(lambda state: state.measured is not None).measured_at
+    robot.do(simulator.step)
+    robot.wait_until(lambda state: state.measured_at > measured_at, what="a step")
+    robot.do(simulator.toggle_pause)
+    assert robot.state.simulator == "running"
+    robot.do(robot.client.joints.go_to, "mid")
+    robot.wait_until_there()
+    robot.do(simulator.reset)
+    robot.wait_until(lambda state: max(map(abs, state.measured or (1.0,))) < 0.02, what="a reset")
+    robot.do(simulator.parameters.set, "enforce_limits", False)
+    robot.wait_until(lambda state: state.enforce_limits is False, what="free joints")
+    with pytest.raises(ClientError, match="refused: "):
+        robot.do(simulator.parameters.set, "speed", -1.0)
+
+
+def test_what_is_not_there_is_refused_in_a_sentence(robot: RobotSession, ros_domain: int) -> None:
+    client = robot.client
+    for action, words in (
+        (client.bridge.start, "no servo bridge on /tripod/servo_bridge"),
+        (client.bridge.stop, "no servo bridge on /tripod/servo_bridge"),
+        (client.bridge.e_stop, "servo bridge is not running"),
+        (client.inverse.toggle, "inverse control is not running"),
+    ):
+        with pytest.raises(ClientError, match=words):
+            robot.do(action)
+    with pytest.raises(ClientError, match="inverse control is off"):
+        robot.do(client.inverse.give_goal, EffectorPose((0.0, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0)))
+    with pytest.raises(ClientError, match=r"did not hold within .* simulator running, bridge not"):
+        robot.wait_until(lambda _: False, 0.1)
+    elsewhere = connect("tripod", namespace="nowhere", domain=ros_domain, within_s=0.5)
+    with pytest.raises(ClientError, match="no robot answers in /nowhere within"), elsewhere:
+        pass
+
+
+def test_running_robots_are_found(robot: RobotSession, client: Any, spin_until: Any) -> None:
+    assert spin_until(lambda: running_robots(client.node) == ["/tripod"])

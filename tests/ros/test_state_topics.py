@@ -1,0 +1,83 @@
+"""State as data: latched topics that nodes publish at the start and on every change."""
+
+from __future__ import annotations
+
+import signal
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from std_msgs.msg import Bool  # noqa: E402
+
+from servo_bridge.state_topics import StateTopics  # noqa: E402
+from softsim_ros.messages.state_topics import STATE_TOPICS  # noqa: E402
+from softsim_ros.runtime import ClosableNode, SpinThread  # noqa: E402
+from softsim_ros.state_listener import StateListener  # noqa: E402
+
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def state_topics_of(client: Any, node: str) -> set[str]:
+    """Names and types of STATE_TOPICS that a node of the robot publishes, as the graph tells them."""
+    kinds = {
+        f"/tripod/{name}": f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+        for name, kind in STATE_TOPICS.items()
+    }
+    offered = client.node.get_publisher_names_and_types_by_node(node, "/tripod")
+    return {
+        name.removeprefix(f"/tripod/{node}/") for name, types in offered if types == [kinds.get(name, "")]
+    }
+
+
+def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until: Any) -> None:
+    node = ClosableNode("replay", context=client.context, namespace="tripod")
+    paused = False
+    topics = StateTopics(node, {"~/paused": (Bool, lambda: Bool(data=paused))})
+    try:
+        heard = client.collect(Bool, "replay/paused", LATCHED)
+        assert spin_until(lambda: [each.data for each in heard] == [False])
+        paused = True
+        topics.refresh()
+        topics.refresh()
+        assert spin_until(lambda: [each.data for each in heard] == [False, True])
+        late = client.collect(Bool, "replay/paused", LATCHED)
+        assert spin_until(lambda: late)
+        assert [each.data for each in late] == [True]
+        assert len(heard) == 2
+        paused = False
+        with SpinThread([node], client.context):  # the change is not announced
+            assert spin_until(lambda: len(heard) == 3)
+    finally:
+        node.close()
+
+
+@pytest.mark.slow
+def test_a_simulator_tells_its_state_while_it_lives(
+    running_tripod: Any, client: Any, spin_until: Any
+) -> None:
+    assert spin_until(lambda: state_topics_of(client, "simulator") == {"paused", "faulted"})
+    node = ClosableNode("listener", context=client.context, namespace="tripod")
+    seen: list[Any] = []
+    paused = StateListener(node, "simulator/paused", seen.append)
+    faulted = StateListener(node, "simulator/faulted")
+    assert paused.value is None
+    try:
+        with SpinThread([node], client.context):
+            assert spin_until(lambda: (paused.value, faulted.value) == (False, False))
+            assert running_tripod.pause(True) == (True, "paused")
+            assert spin_until(lambda: paused.value is True)
+            assert running_tripod.pause(False) == (True, "running")
+            assert spin_until(lambda: paused.value is False)
+            running_tripod.process.process.send_signal(signal.SIGSTOP)
+            assert spin_until(lambda: paused.value is None and faulted.value is None)
+            running_tripod.process.process.send_signal(signal.SIGCONT)
+            assert spin_until(lambda: paused.value is False)
+            assert running_tripod.process.end() == 0
+            assert spin_until(lambda: paused.value is None)
+    finally:
+        node.close()
+    assert seen == [False, True, False, None, False, None]
