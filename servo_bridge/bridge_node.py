@@ -84,6 +84,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._stable_port = ""  # name of the configured board that outlives its number; empty: none
         self._calibration = ""
         self._imu_frame = ""
+        self._base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
         self._source_subscription: Subscription | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._applied: Publisher = self.create_publisher(
@@ -386,6 +387,7 @@ class ServoBridge(GuardedLifecycleNode):
             return
         message = JointState(name=list(driver.servo_joints))
         message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self._base_frame
         message.position = array("d", driver.applied_angles())
         self._publish(self._applied, message)
 

@@ -45,6 +45,7 @@ class BridgeSettings:
     calibration: str
     relax_at_end: bool
     imu_frame: str
+    frame_prefix: str
     autostart: Autostart
     rate: float
     open_wait_s: float
@@ -65,6 +66,12 @@ def robot_namespace() -> str:
         return load_robot(name).name
     except SoftSimError:
         return ""
+
+
+def prefix_of(namespace: str) -> str:
+    """What stands before the robot's frames, such as "left/": its namespace and a slash; nothing for /."""
+    name = namespace.strip("/")
+    return f"{name}/" if name else ""
 
 
 def declare(node: Node) -> None:
@@ -121,7 +128,13 @@ def declare(node: Node) -> None:
         "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
         " configuration, where it exists; empty: none.",
     )
-    text("imu_frame", "", "Frame of the topic imu; empty: <robot>_effector.")
+    text("imu_frame", "", "Frame of the topic imu; empty: <frame_prefix>effector.")
+    text(
+        "frame_prefix",
+        prefix_of(node.get_namespace()),
+        "Stands before the names of the robot's frames in headers.",
+        read_only=True,
+    )
     number(
         "rate",
         0.0,
@@ -194,6 +207,7 @@ def read(node: Node) -> BridgeSettings:
         calibration=str(node.get_parameter("calibration").value),
         relax_at_end=bool(node.get_parameter("relax_at_end").value),
         imu_frame=str(node.get_parameter("imu_frame").value),
+        frame_prefix=str(node.get_parameter("frame_prefix").value),
         autostart=cast(Autostart, word("autostart", get_args(Autostart))),
         rate=number("rate"),
         open_wait_s=number("open_wait_s"),

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core import RobotDescription, load_scene
+from softsim_ros.frames import RobotFrames, prefix_of
 from softsim_ros.messages import diagnostic_array
 from softsim_ros.runtime import ClosableNode, declare_text, parameter_probe
 
@@ -32,6 +33,7 @@ class RobotNode(ClosableNode):
         node_name: Name of the node.
         changes_robot: Whether the parameter `robot` may be set while the node runs.
         robot: Name of the robot.
+        frames: Names of the robot's frames in headers.
         named: The file of the robot that the node was started with, by its names; empty: it has none.
 
     Raises:
@@ -65,6 +67,7 @@ class RobotNode(ClosableNode):
         )
         try:
             self._declare_robot(self, text)
+            self.frames = RobotFrames(self._declare_prefix())
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:
@@ -82,6 +85,14 @@ class RobotNode(ClosableNode):
             default,
             "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file",
             read_only=not self.changes_robot,
+        )
+
+    def _declare_prefix(self) -> str:
+        return declare_text(
+            self,
+            "frame_prefix",
+            prefix_of(self.get_namespace()),
+            "Stands before the names of the robot's frames in headers and on /tf; all but `world`",
         )
 
     def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:

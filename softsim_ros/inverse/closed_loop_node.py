@@ -25,8 +25,9 @@ from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
 from softsim_core.inverse.paths import MAZE_LIFT_M
 from softsim_core.inverse.tilts import tilt_rotation, tilts_of
 from softsim_core.mechanics.pose import quaternion_of, rotation_of
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.goals import WORLD, checked_pose
+from softsim_ros.inverse.goals import checked_pose
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import LEAVE
 from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
@@ -140,14 +141,14 @@ class ClosedLoop(RobotNode):
     def _on_tilts(self, message: Vector3Stamped) -> None:
         try:
             if message.header.frame_id:
-                check_frame("tilt reference", message.header.frame_id, self.robot)
+                check_frame("tilt reference", message.header.frame_id, self.frames)
             self._loop.reference = reference_tilts(message)
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
 
     def _on_reference(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, world_frames(self.robot), "reference")
+            pose = checked_pose(message, world_frames(self.frames), "reference")
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return

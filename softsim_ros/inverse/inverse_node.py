@@ -22,12 +22,14 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse.commands_out import CommandsOut
 from softsim_ros.inverse.control_thread import ControlThread
-from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
+from softsim_ros.inverse.goals import checked_pose, unit_quaternion
 from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import checked_feedback, declare_parameters, tuned
 from softsim_ros.inverse.plant import SILENT_AFTER_S
+from softsim_ros.inverse.robot import world_frames
 from softsim_ros.messages import pose_stamped
 from softsim_ros.robot_node import RobotNode
 from softsim_ros.runtime import run_node
@@ -62,7 +64,7 @@ class InverseControl(RobotNode):
         start = declare_parameters(self, robot)
         self._description = robot = start.robot
         self.get_logger().info(f"building the model of {robot.name}")
-        self._frames = (WORLD, f"{robot.name}_base")  # the base stands in the world's origin
+        self._goal_frames = world_frames(self.frames)
         self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
         self._joint_states_at = -np.inf
         self._foreign_commands = 0
@@ -139,7 +141,7 @@ class InverseControl(RobotNode):
 
     def _on_effector(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, self._frames, "effector_pose")
+            pose = checked_pose(message, self._goal_frames, "effector_pose")
         except CommandError as error:
             self.refuse(str(error))
         else:
@@ -157,7 +159,7 @@ class InverseControl(RobotNode):
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
-            self.control.set_goal(checked_pose(message, self._frames, "goal"))
+            self.control.set_goal(checked_pose(message, self._goal_frames, "goal"))
         except CommandError as error:
             self.refuse(str(error))
 

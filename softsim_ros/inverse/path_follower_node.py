@@ -23,8 +23,8 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, is_known_path, known_paths, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, declare_parameters
 from softsim_ros.inverse.path_messages import effector_path
@@ -211,7 +211,7 @@ class PathFollower(RobotNode):
 
     def _on_path(self, message: PathMessage) -> None:
         try:
-            self._received = effector_path(message, self.robot)
+            self._received = effector_path(message, self.frames)
             self.get_logger().info(
                 f"path received: {len(message.poses)} poses, {self._received.duration:g} s"
             )

@@ -77,7 +77,7 @@ class Simulator(RobotNode):
         self._publications = Publications(
             self,
             simulation,
-            self.robot,
+            self.frames,
             mesh_rate=start.mesh_rate,
             publish_clock=start.publish_clock,
             marker_stress=start.marker_stress,
@@ -97,7 +97,7 @@ class Simulator(RobotNode):
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
-        self._pulls = Pulls(self, self._physics, self.refuse)
+        self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
         self._base_targets = BaseTargets(self, self._physics, self.refuse)
         for name, action in (
             ("reset", self._reset),
