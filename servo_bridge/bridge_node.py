@@ -29,7 +29,7 @@ from servo_bridge.e_stop import EStop
 from servo_bridge.e_stop_services import EStopServices
 from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
-from servo_bridge.inputs import command_values, joint_positions
+from servo_bridge.inputs import NamedCommand, command_values, joint_positions, named_command
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.ports import find_again, find_port, stable_name
 from servo_bridge.process import run_node
@@ -46,6 +46,9 @@ SUPERVISION_PERIOD_S = 0.1
 SETTLING_MARGIN_S = 2.0
 """How much longer than `settle_timeout` the way to rest is waited for, braking and rest packets included."""
 
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
+
 REFUSAL_LOG_PERIOD_S = 2.0
 RETRY_JITTER = 0.2
 
@@ -53,11 +56,11 @@ RETRY_JITTER = 0.2
 class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
-    Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
-    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz. Packets
-    leave from a thread of their own, at a fixed rate whatever the executor is busy with; it runs as long as
-    the port is open, and looks at the e-stop for each packet. Services: the lifecycle ones, and `~/e_stop`,
-    `~/clear_e_stop` on an executor of their own.
+    Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
+    `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
+    `/diagnostics` at 1 Hz. Packets leave from a thread of their own, at a fixed rate whatever the executor is
+    busy with; it runs as long as the port is open, and looks at the e-stop for each packet. Services: the
+    lifecycle ones, and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
 
     Args:
         scene: Robot already loaded; None loads the parameter `robot` at configure.
@@ -178,18 +181,14 @@ class ServoBridge(GuardedLifecycleNode):
             driver.motion.resume_from(self._driver.motion.positions)
         self._open(driver, find_port(settings.port), settings.open_wait_s)
         self._release_topics()
-        if settings.source == "commands":
-            self._source_subscription = self.create_subscription(
-                Float64MultiArray,
-                "position_controller/commands",
-                self._on_command,
-                QoSProfile(depth=1),
-                raw=True,
-            )
-        else:
-            self._source_subscription = self.create_subscription(
-                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1), raw=True
-            )
+        message_type, topic, callback, depth = {
+            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
+            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
+            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
+        }[settings.source]
+        self._source_subscription = self.create_subscription(
+            message_type, topic, callback, QoSProfile(depth=depth), raw=True
+        )
         self._trouble = ""
         self.get_logger().info(
             f"port {driver.port} open, source {settings.source}, calibration {self._calibration or 'none'};"
@@ -263,6 +262,12 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _on_joint_states(self, data: bytes) -> None:
         self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
+
+    def _on_joint_commands(self, data: bytes) -> None:
+        def unpack(data: bytes) -> NamedCommand:
+            return named_command(data, 1e-9 * self.get_clock().now().nanoseconds)
+
+        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
 
     def _obey(
         self,

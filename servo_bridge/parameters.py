@@ -17,7 +17,7 @@ from servo_bridge.safety import MotionSettings
 from servo_bridge.wording import shortened
 from softsim_core.errors import ConfigError, SoftSimError, listing
 
-Source = Literal["joint_states", "commands"]
+Source = Literal["joint_states", "commands", "joint_commands"]
 Autostart = Literal["none", "configure", "activate"]
 
 FIXED_WHILE_CONFIGURED = (
@@ -98,7 +98,8 @@ def declare(node: Node) -> None:
     text(
         "source",
         "joint_states",
-        "What the servos follow: joint_states (the simulator's) or commands (position_controller/commands).",
+        "What the servos follow: joint_states (the simulator's), commands (position_controller/commands) or"
+        " joint_commands (by name, as ros2_control sends them).",
         allowed=listing(get_args(Source)),
     )
     text(

@@ -98,7 +98,7 @@ def _add_joint(root: ElementTree.Element, link: Link, joint: JointDescription | 
     if joint is None:
         return
     ElementTree.SubElement(element, "axis", xyz=_words(link.axis))
-    limits, bounds = joint.limits, {}
+    limits, bounds = joint.limits, dict[str, str]()
     if link.kind != "continuous":
         bounds = {
             "lower": _number(max(limits.lower, -FARTHEST)),
@@ -106,7 +106,8 @@ def _add_joint(root: ElementTree.Element, link: Link, joint: JointDescription | 
         }
     effort = getattr(joint.actuator, "max_tension", None) or UNKNOWN_EFFORT
     speed = limits.speed if math.isfinite(limits.speed) else FARTHEST
-    ElementTree.SubElement(element, "limit", **bounds, effort=_number(effort), velocity=_number(speed))
+    bounds |= {"effort": _number(effort), "velocity": _number(speed)}
+    ElementTree.SubElement(element, "limit", bounds)
 
 
 def _add_link(root: ElementTree.Element, link: Link, robot: RobotDescription, meshes: MeshNames) -> None:
