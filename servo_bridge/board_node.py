@@ -13,6 +13,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from servo_bridge.parameters import declare_robot
 from servo_bridge.pty_board import PtyBoard
 
 STATUS_PERIOD_S = 0.2
@@ -34,6 +35,7 @@ class BoardNode(Node):
 
     def __init__(self, *, link: str | None, show: bool, node_name: str, **node_kwargs: Any) -> None:
         super().__init__(node_name, **node_kwargs)
+        declare_robot(self)
         described = "Path of a symbolic link to the port; empty: none."
         self.declare_parameter("link", "", ParameterDescriptor(description=described, read_only=True))
         self.link_path = (str(self.get_parameter("link").value) if link is None else link) or None

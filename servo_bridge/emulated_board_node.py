@@ -12,6 +12,7 @@ from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.board_node import BoardNode, requested_link
 from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.parameters import robot_namespace
 from servo_bridge.process import run_node
 
 PUBLISH_PERIOD_S = 0.1
@@ -70,14 +71,16 @@ class EmulatedBoardNode(BoardNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run an emulated board until Ctrl-C or SIGTERM.
+    """Run an emulated board until Ctrl-C or SIGTERM, in the namespace of its robot (parameter `robot`).
 
     Returns:
         Exit code: 0 after a normal end, 2 where the emulator, the firmware or the link is missing.
     """
     about = "The servo board's real firmware in an emulated processor, on a pseudo-terminal."
     link = requested_link("emulated_board", about, args)
-    return run_node(lambda: EmulatedBoardNode(link=link, show=True), args)
+    return run_node(
+        lambda: EmulatedBoardNode(link=link, show=True, namespace=robot_namespace("emulated_board")), args
+    )
 
 
 if __name__ == "__main__":

@@ -54,12 +54,11 @@ class BridgeSettings:
     motion: MotionSettings
 
 
-def robot_namespace() -> str:
-    """Namespace for the robot of the command line; empty where it is unknown (configure says why)."""
-    node = Node("servo_bridge", start_parameter_services=False, enable_rosout=False)
+def robot_namespace(node_name: str = "servo_bridge") -> str:
+    """Namespace for the robot of a node's command line; empty where it is unknown (configure says why)."""
+    node = Node(node_name, start_parameter_services=False, enable_rosout=False)
     try:
-        declare(node)
-        name = str(node.get_parameter("robot").value)
+        name = declare_robot(node)
     finally:
         node.destroy_node()
     try:
@@ -72,6 +71,12 @@ def prefix_of(namespace: str) -> str:
     """What stands before the robot's frames, such as "left/": its namespace and a slash; nothing for /."""
     name = namespace.strip("/")
     return f"{name}/" if name else ""
+
+
+def declare_robot(node: Node) -> str:
+    """Declare and return which robot a node is for."""
+    about = "Robot: a name from configs/robots, or the path of its file."
+    return str(node.declare_parameter("robot", "tripod", ParameterDescriptor(description=about)).value)
 
 
 def declare(node: Node) -> None:
@@ -93,7 +98,7 @@ def declare(node: Node) -> None:
             name, default, ParameterDescriptor(description=description, floating_point_range=[limits])
         )
 
-    text("robot", "tripod", "Robot: a name from configs/robots, or the path of its file.")
+    declare_robot(node)
     text("port", "", "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in.")
     text(
         "source",

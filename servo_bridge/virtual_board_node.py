@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray
 
 from servo_bridge.board_node import BoardNode, requested_link
+from servo_bridge.parameters import robot_namespace
 from servo_bridge.process import run_node
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
@@ -89,14 +90,16 @@ class VirtualBoardNode(BoardNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run a virtual board until Ctrl-C or SIGTERM.
+    """Run a virtual board until Ctrl-C or SIGTERM, in the namespace of its robot (parameter `robot`).
 
     Returns:
         Exit code: 0 after a normal end, 2 where the link or a board of the protocol cannot be made.
     """
     about = "A serial servo board on a pseudo-terminal, for tests and demos."
     link = requested_link("virtual_board", about, args)
-    return run_node(lambda: VirtualBoardNode(link=link, show=True), args)
+    return run_node(
+        lambda: VirtualBoardNode(link=link, show=True, namespace=robot_namespace("virtual_board")), args
+    )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -209,33 +208,3 @@ def _words(values: Array) -> str:
 def _number(value: float) -> str:
     """As few digits as tell the number, and no minus before a zero."""
     return repr(float(np.round(value, 12)) + 0.0)
-
-
-def write_urdf(robot: RobotDescription, folder: Path, topics: ControlTopics | None = None) -> list[Path]:
-    """Write `NAME.urdf`, and its meshes as STL files beside it in `meshes/`.
-
-    Returns:
-        The files, the URDF first.
-
-    Raises:
-        MeshError: a mesh cannot be read or written.
-        OSError: the URDF cannot be written.
-    """
-    from softsim_core.mesh.writers import write_surface
-    from softsim_core.simulation.scene_state import SceneState
-
-    built = SceneState(robot.scene, "scipy")
-    surfaces = {f"bodies/{body.name}": body.surface for body in built.bodies}
-    surfaces |= {f"rigid_bodies/{body.name}": body.surface for body in built.rigid_bodies}
-    written: list[Path] = []
-
-    def write(part: str, mesh: MeshFile | None) -> tuple[str, None]:
-        file = folder.absolute() / "meshes" / f"{part.replace('/', '_')}.stl"
-        written.append(write_surface(file, surfaces[part]))
-        return file.as_uri(), None
-
-    text = urdf(robot, topics=topics, meshes=write)
-    file = folder / f"{robot.name}.urdf"
-    folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(text, encoding="utf-8")
-    return [file, *written]

@@ -17,8 +17,9 @@ from softsim_core.mechanics.pose import rotation_of
 from softsim_core.simulation.scene_state import SceneState
 
 pytest.importorskip("rclpy")
+from softsim_ros.description.folder import write_folder
 from softsim_ros.description.links import links_of
-from softsim_ros.description.urdf import control_topics, mesh_address, urdf, write_urdf
+from softsim_ros.description.urdf import control_topics, mesh_address, urdf
 
 ROBOTS = ["tripod", "cable_gripper", "tripod_maze", "cable_finger"]
 
@@ -87,7 +88,8 @@ def test_its_frames_are_where_the_simulator_has_them(robot: str) -> None:
 
 def test_meshes_are_files_that_exist_or_are_written_beside_it(tmp_path: Path) -> None:
     robot = load_scene("tripod_maze")
-    file, *meshes = write_urdf(robot, tmp_path)
+    file, *others = write_folder(robot, tmp_path, "tripod")
+    meshes = [each for each in others if each.suffix == ".stl"]
     named = [mesh.get("filename") for mesh in ElementTree.parse(file).iter("mesh")]
     assert [unquote(urlparse(name).path) for name in named] == [str(mesh) for mesh in meshes]
     surface = Simulation(robot, backend="scipy").visual_rest_points
