@@ -21,7 +21,7 @@ def check_named_command(
 ) -> dict[str, float]:
     """Positions by joint of a command for some joints, in any order.
 
-    As in ros2_control a NaN stands for no command: that joint is left out.
+    A NaN stands for no command: that joint is left out.
 
     Args:
         names: Joints of the command, each once.
@@ -72,8 +72,7 @@ def check_age(given_s: float, now_s: float) -> None:
     if given_s != 0.0 and abs(late) > MOST_LATE_S:
         side = f"{late:.1f} s ago" if late > 0.0 else f"{-late:.1f} s ahead"
         raise _refused(
-            f"it is stamped {side}, allowed are {MOST_LATE_S:g} s; use one clock (use_sim_time), "
-            "or stamp it 0 for now"
+            f"it is stamped {side}, allowed are {MOST_LATE_S:g} s; use one clock, or stamp it 0 for now"
         )
 
 

@@ -15,7 +15,7 @@ WORKSPACE = REPOSITORY / "ros2_ws" / "src"
 PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
 ROSDEP = {
     "numpy": "python3-numpy", "scipy": "python3-scipy", "numba": "python3-numba", "meshio": "python3-meshio",
-    "yaml": "python3-yaml", "serial": "python3-serial",
+    "yaml": "python3-yaml", "serial": "python3-serial", "matplotlib": "python3-matplotlib",
 }  # fmt: skip
 WITHOUT_KEY = {"cattrs"}  # rosdep has no key for it; the package.xml says what to install
 
@@ -77,6 +77,31 @@ def test_the_workspace_links_to_the_packages(package: str) -> None:
     assert link.resolve() == REPOSITORY / package
 
 
+def test_what_a_launch_starts_is_named_in_package_xml() -> None:
+    root = ElementTree.parse(WORKSPACE / "softsim_bringup" / "package.xml").getroot()
+    declared = {element.text for element in root.iter("exec_depend")}
+    plan = (REPOSITORY / "softsim_ros" / "launch_plan.py").read_text()
+    started = set(re.findall(r'PlannedNode\(\s*"([a-z0-9_]+)"', plan))
+    assert {"softsim_ros", "servo_bridge", "controller_manager", "rviz2"} <= started <= declared
+    files = (WORKSPACE / "softsim_bringup" / "launch").glob("*.py")
+    modules = {
+        node.module.split(".")[0]
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+    }
+    assert modules - set(sys.stdlib_module_names) <= declared
+
+
+def test_what_pip_adds_under_ubuntu_is_what_the_project_asks_for() -> None:
+    project = (REPOSITORY / "pyproject.toml").read_text()
+    asked = set(re.findall(r'^\s+"([a-z0-9]+[<>=][^";]*)"', project, re.MULTILINE))
+    lines = (REPOSITORY / "ros2_ws" / "pip-requirements.txt").read_text().splitlines()
+    added = {line.partition("#")[0].strip() for line in lines} - {""}
+    assert added <= asked
+    assert {"daqp", "viser", "rosbags"} <= {re.split("[<>=]", each)[0] for each in added}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_xml_names_what_the_code_imports(package: str) -> None:
@@ -84,6 +109,6 @@ def test_package_xml_names_what_the_code_imports(package: str) -> None:
     declared = {element.text for element in root.iter("exec_depend")}
     used = imports(package) - {package} - WITHOUT_KEY
     # optional imports, behind a test whether they are there
-    used -= {"daqp", "matplotlib", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser"}
+    used -= {"daqp", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser"}
     used -= {"websockets", "imageio", "msgspec", "lz4"}  # viser's own, and rosbags'
     assert {ROSDEP.get(name, name) for name in used} - declared == set()

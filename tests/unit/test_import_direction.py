@@ -50,6 +50,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.errors",
     "softsim_core.units",
     "softsim_core.mechanics.limits",
+    "softsim_core.mechanics.named_command",
     "softsim_core.scene",
     "softsim_core.scene.board",
     "softsim_core.scene.description",
@@ -57,7 +58,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
 )
-"""What servo_bridge uses of the core: errors, units, limits, and the description and loader of robots."""
+"""What servo_bridge uses of the core: errors, units, limits and checks of commands, and the description and loader of robots."""
 
 LAYERS = (
     ("errors", "kernels", "units"),
