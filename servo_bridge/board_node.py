@@ -22,6 +22,7 @@ STATUS_PERIOD_S = 0.2
 class BoardSettings:
     """What the parameters of every board begin with."""
 
+    robot: str = parameter("tripod", "Robot whose namespace the board takes", fixed=True)
     link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
 
 

@@ -29,7 +29,7 @@ from servo_bridge.e_stop import EStop
 from servo_bridge.e_stop_services import EStopServices
 from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
-from servo_bridge.inputs import command_values, joint_positions
+from servo_bridge.inputs import NamedCommand, command_values, joint_positions, named_command
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.parameters import BridgeSettings
 from servo_bridge.ports import find_again, find_port, stable_name
@@ -40,6 +40,7 @@ from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.frames import prefix_of
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
@@ -50,6 +51,9 @@ SUPERVISION_PERIOD_S = 0.1
 SETTLING_MARGIN_S = 2.0
 """How much longer than `settle_timeout` the way to rest is waited for, braking and rest packets included."""
 
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
+
 REFUSAL_LOG_PERIOD_S = 2.0
 RETRY_JITTER = 0.2
 
@@ -57,12 +61,12 @@ RETRY_JITTER = 0.2
 class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
-    Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
-    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz; latched and
-    on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`, `~/commanded_by`. Packets
-    leave from a thread of their own, at a fixed rate whatever the executor is busy with; it runs as long as
-    the port is open, and looks at the e-stop for each packet. Services: the lifecycle ones, and `~/e_stop`,
-    `~/clear_e_stop` on an executor of their own.
+    Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
+    `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
+    `/diagnostics` at 1 Hz; latched and on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`,
+    `~/commanded_by`. Packets leave from a thread of their own, at a fixed rate whatever the executor is busy
+    with; it runs as long as the port is open, and looks at the e-stop for each packet. Services: the
+    lifecycle ones, and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
 
     Args:
         scene: Robot already loaded; None loads the parameter `robot` at configure.
@@ -75,7 +79,10 @@ class ServoBridge(GuardedLifecycleNode):
     ) -> None:
         super().__init__(node_name, **node_kwargs)
         self._live = LiveParameters(
-            self, BridgeSettings(), check=self._check_parameters, apply=self._apply_parameters
+            self,
+            BridgeSettings(frame_prefix=prefix_of(self.get_namespace())),
+            check=self._check_parameters,
+            apply=self._apply_parameters,
         )
         parameters.check(self._live.values)
         self._scene = scene
@@ -92,6 +99,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._stable_port = ""  # name of the configured board that outlives its number; empty: none
         self._calibration = ""
         self._imu_frame = ""
+        self._base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
         self._source_subscription: Subscription | None = None
         self._source_topic = ""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -207,18 +215,14 @@ class ServoBridge(GuardedLifecycleNode):
             driver.motion.resume_from(self._driver.motion.positions)
         self._open(driver, find_port(settings.port), settings.open_wait_s)
         self._release_topics()
-        if settings.source == "commands":
-            self._source_subscription = self.create_subscription(
-                Float64MultiArray,
-                "position_controller/commands",
-                self._on_command,
-                QoSProfile(depth=1),
-                raw=True,
-            )
-        else:
-            self._source_subscription = self.create_subscription(
-                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1), raw=True
-            )
+        message_type, topic, callback, depth = {
+            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
+            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
+            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
+        }[settings.source]
+        self._source_subscription = self.create_subscription(
+            message_type, topic, callback, QoSProfile(depth=depth), raw=True
+        )
         self._source_topic = str(self._source_subscription.topic_name)
         self._trouble = ""
         self.get_logger().info(
@@ -293,6 +297,12 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _on_joint_states(self, data: bytes) -> None:
         self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
+
+    def _on_joint_commands(self, data: bytes) -> None:
+        def unpack(data: bytes) -> NamedCommand:
+            return named_command(data, 1e-9 * self.get_clock().now().nanoseconds)
+
+        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
 
     def _obey(
         self,
@@ -427,6 +437,7 @@ class ServoBridge(GuardedLifecycleNode):
             return
         message = JointState(name=list(driver.servo_joints))
         message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self._base_frame
         message.position = array("d", driver.applied_angles())
         self._publish(self._applied, message)
 
@@ -489,7 +500,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.
     """
-    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace()), args)
+    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace(PROGRAM.name)), args)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.board_node import BoardNode, BoardSettings, add_link
 from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.parameters import robot_namespace
 from softsim_node.help import Program
 from softsim_node.parameters import parameter
 from softsim_node.process import run_node
@@ -87,13 +89,17 @@ class EmulatedBoardNode(BoardNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run an emulated board until a signal ends it.
+    """Run an emulated board until a signal ends it, in the namespace of its robot (parameter `robot`).
 
     Returns:
         Exit code: 0 after a normal end, 1 where the emulator, the firmware or the link is missing, 2 for a
         wrong command line.
     """
-    return run_node(PROGRAM, lambda options: EmulatedBoardNode(link=options.link, show=True), args)
+
+    def build(options: argparse.Namespace) -> EmulatedBoardNode:
+        return EmulatedBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
 
 
 if __name__ == "__main__":

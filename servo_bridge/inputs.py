@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -12,9 +12,22 @@ from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.wording import named
 from softsim_core.errors import CommandError
+from softsim_core.mechanics.named_command import check_age, check_positions_only
 
 MOST_BYTES = 65_536
 """Longest message that is unpacked: a thousand joints, and no packet is late for it."""
+
+
+class NamedCommand(NamedTuple):
+    """A command for some joints, not checked against those that there are.
+
+    Attributes:
+        names: Names of the joints.
+        positions: In [rad].
+    """
+
+    names: Sequence[str]
+    positions: Sequence[float]
 
 
 def command_values(data: bytes) -> Sequence[float]:
@@ -46,6 +59,23 @@ def joint_positions(data: bytes) -> dict[str, float]:
             f"joint states that name {named(twice)} twice refused; name every joint once; nothing was moved"
         )
     return positions
+
+
+def named_command(data: bytes, now_s: float) -> NamedCommand:
+    """The command of a serialised JointState.
+
+    Args:
+        data: The message.
+        now_s: The time now in [s], on the clock of its stamp.
+
+    Raises:
+        CommandError: the message is too long, damaged or too old, or it says more than positions.
+    """
+    message = _unpacked(data, JointState)
+    stamp = message.header.stamp
+    check_age(stamp.sec + 1e-9 * stamp.nanosec, now_s)
+    check_positions_only(message.velocity, message.effort)
+    return NamedCommand(message.name, message.position)
 
 
 def _unpacked(data: bytes, message_type: type[Any]) -> Any:

@@ -12,7 +12,7 @@ from servo_bridge.safety import MotionSettings
 from softsim_core.errors import SoftSimError, listing
 from softsim_node.parameters import ParameterError, declare, parameter, parameter_probe
 
-Source = Literal["joint_states", "commands"]
+Source = Literal["joint_states", "commands", "joint_commands"]
 Autostart = Literal["none", "configure", "activate"]
 
 FIXED_WHILE_CONFIGURED = frozenset(
@@ -33,7 +33,8 @@ class BridgeSettings:
     )
     source: Source = parameter(
         "joint_states",
-        "What the servos follow: joint_states (the simulator's) or commands (position_controller/commands)",
+        "What the servos follow: joint_states (the simulator's), commands (position_controller/commands) or"
+        " joint_commands (by name, as ros2_control sends them)",
         choices=get_args(Source),
     )
     autostart: Autostart = parameter(
@@ -58,7 +59,8 @@ class BridgeSettings:
         "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
         " configuration, where it exists; empty: none",
     )
-    imu_frame: str = parameter("", "Frame of the topic imu; empty: <robot>_effector")
+    imu_frame: str = parameter("", "Frame of the topic imu; empty: <frame_prefix>effector")
+    frame_prefix: str = parameter("", "Stands before the robot's frames; from its namespace", fixed=True)
     rate: float = parameter(
         0.0,
         f"Packets per second: {SLOWEST_HZ:g} to {FASTEST_HZ:g}; 0: the robot's file says",
@@ -101,13 +103,13 @@ class BridgeSettings:
         )
 
 
-def robot_namespace() -> str:
-    """Namespace for the robot of the command line; empty where it is unknown (configure says why).
+def robot_namespace(node_name: str) -> str:
+    """Namespace for the robot of a node's command line; empty where it is unknown (configure says why).
 
     Raises:
         ParameterError: a value given at the start is not allowed.
     """
-    with parameter_probe("servo_bridge") as probe:
+    with parameter_probe(node_name) as probe:
         name = declare(probe, BridgeSettings()).robot
     try:
         return load_robot(name).name

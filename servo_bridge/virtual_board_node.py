@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray
 
 from servo_bridge.board_node import BoardNode, BoardSettings, add_link
+from servo_bridge.parameters import robot_namespace
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import listing
@@ -91,13 +93,17 @@ class VirtualBoardNode(BoardNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a virtual board until a signal ends it.
+    """Run a virtual board until a signal ends it, in the namespace of its robot (parameter `robot`).
 
     Returns:
         Exit code: 0 after a normal end, 1 where the link or a board of the protocol cannot be made, 2 for a
         wrong command line.
     """
-    return run_node(PROGRAM, lambda options: VirtualBoardNode(link=options.link, show=True), args)
+
+    def build(options: argparse.Namespace) -> VirtualBoardNode:
+        return VirtualBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
 
 
 if __name__ == "__main__":

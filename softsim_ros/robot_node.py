@@ -13,7 +13,9 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from softsim_core import RobotDescription, load_scene
+from softsim_node.frames import prefix_of
 from softsim_node.parameters import declare, parameter, parameter_probe
+from softsim_ros.frames import RobotFrames
 from softsim_ros.messages import diagnostic_array
 from softsim_ros.runtime import ClosableNode
 
@@ -26,6 +28,15 @@ class RobotSettings:
         "tripod",
         "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file",
         fixed=True,
+    )
+
+
+@dataclass(frozen=True)
+class FrameSettings:
+    """The parameter of every node that names frames of one robot."""
+
+    frame_prefix: str = parameter(
+        "", "Stands before the robot's frames in headers and on /tf; from its namespace", fixed=True
     )
 
 
@@ -43,6 +54,7 @@ class RobotNode(ClosableNode):
         robot: Name of the robot.
         robot_parameter: Value of the parameter `robot`, which a subclass declares.
         given: Options of rclpy's Node with the values that were given at the start.
+        frames: Names of the robot's frames in headers.
         named: The file of the robot that the node was started with, by its names; empty: it has none.
 
     Raises:
@@ -76,6 +88,9 @@ class RobotNode(ClosableNode):
             parameter_overrides=overrides,
         )
         try:
+            self.frames = RobotFrames(
+                declare(self, FrameSettings(prefix_of(self.get_namespace()))).frame_prefix
+            )
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:

@@ -15,6 +15,7 @@ COLOURS = {Level.OK: "32", Level.WARNING: "33", Level.PROBLEM: "31"}
 CHECKS = (
     house.python,
     house.packages,
+    house.optional_packages,
     house.numba,
     house.configs,
     ros.client,

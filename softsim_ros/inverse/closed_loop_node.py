@@ -28,9 +28,10 @@ from softsim_core.mechanics.pose import quaternion_of, rotation_of
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
 from softsim_ros.inverse.closed_loop_parameters import LoopSettings
-from softsim_ros.inverse.goals import WORLD, checked_pose
+from softsim_ros.inverse.goals import checked_pose
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import LEAVE
 from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
@@ -38,7 +39,7 @@ from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.robot_node import RobotNode
+from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "closed_loop"
 
@@ -117,14 +118,14 @@ class ClosedLoop(RobotNode):
     def _on_tilts(self, message: Vector3Stamped) -> None:
         try:
             if message.header.frame_id:
-                check_frame("tilt reference", message.header.frame_id, self.robot)
+                check_frame("tilt reference", message.header.frame_id, self.frames)
             self._loop.reference = reference_tilts(message)
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
 
     def _on_reference(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, world_frames(self.robot), "reference")
+            pose = checked_pose(message, world_frames(self.frames), "reference")
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
@@ -220,7 +221,7 @@ def _check(_: frozenset[str], settings: LoopSettings) -> None:
 PROGRAM = Program(
     name="closed_loop",
     about="Tilts the goal until the measured tilts are the wanted ones.",
-    settings=(LoopSettings(),),
+    settings=(LoopSettings(), FrameSettings()),
 )
 
 

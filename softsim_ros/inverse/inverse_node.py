@@ -24,15 +24,17 @@ from softsim_core.mechanics.pose import Pose
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse.commands_out import CommandsOut
 from softsim_ros.inverse.control_thread import ControlThread
-from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
+from softsim_ros.inverse.goals import checked_pose, unit_quaternion
 from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
+from softsim_ros.inverse.robot import world_frames
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
-from softsim_ros.robot_node import RobotNode
+from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
@@ -68,7 +70,7 @@ class InverseControl(RobotNode):
         start = self._live.values
         self._description = robot = dataclasses.replace(robot, inverse=start.over(robot.inverse))
         self.get_logger().info(f"building the model of {robot.name}")
-        self._frames = (WORLD, f"{robot.name}_base")  # the base stands in the world's origin
+        self._goal_frames = world_frames(self.frames)
         self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
         self._joint_states_at = -np.inf
         self._foreign_commands = 0
@@ -149,7 +151,7 @@ class InverseControl(RobotNode):
 
     def _on_effector(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, self._frames, "effector_pose")
+            pose = checked_pose(message, self._goal_frames, "effector_pose")
         except CommandError as error:
             self.refuse(str(error))
         else:
@@ -167,7 +169,7 @@ class InverseControl(RobotNode):
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
-            self.control.set_goal(checked_pose(message, self._frames, "goal"))
+            self.control.set_goal(checked_pose(message, self._goal_frames, "goal"))
         except CommandError as error:
             self.refuse(str(error))
 
@@ -232,7 +234,7 @@ class InverseControl(RobotNode):
 PROGRAM = Program(
     name="inverse_controller",
     about="Brings a robot's effector to a goal.",
-    settings=(ControllerSettings(),),
+    settings=(ControllerSettings(), FrameSettings()),
 )
 
 

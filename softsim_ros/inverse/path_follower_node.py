@@ -25,8 +25,8 @@ from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, FollowerSettings
 from softsim_ros.inverse.path_messages import effector_path
@@ -34,7 +34,7 @@ from softsim_ros.inverse.path_player import PathPlayer
 from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.robot_node import RobotNode
+from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
@@ -223,7 +223,7 @@ class PathFollower(RobotNode):
 
     def _on_path(self, message: PathMessage) -> None:
         try:
-            self._received = effector_path(message, self.robot)
+            self._received = effector_path(message, self.frames)
             self.get_logger().info(
                 f"path received: {len(message.poses)} poses, {self._received.duration:g} s"
             )
@@ -323,7 +323,7 @@ def _started(path: EffectorPath) -> str:
 PROGRAM = Program(
     name="path_follower",
     about="Plays a path as goals of the inverse controller.",
-    settings=(FollowerSettings(),),
+    settings=(FollowerSettings(), FrameSettings()),
 )
 
 

@@ -20,6 +20,7 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
 from softsim_node.parameters import LiveParameters, parameter
+from softsim_ros.frames import RobotFrames
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 LOOK_PERIOD_S = 0.1
@@ -47,11 +48,14 @@ class Pulls:
     Args:
         node: Owner of the subscription and parameters.
         physics: The thread that owns the simulation.
+        frames: Names of the robot's frames.
         warn: Told the sentence of a refused message.
     """
 
-    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
-        self._physics, self._warn = physics, warn
+    def __init__(
+        self, node: Node, physics: PhysicsThread, frames: RobotFrames, warn: Callable[[str], None]
+    ) -> None:
+        self._physics, self._frames, self._warn = physics, frames, warn
         self._live = LiveParameters(node, PullSettings())
         self._heard_at: float | None = None
         node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
@@ -63,7 +67,9 @@ class Pulls:
 
         def pull(simulation: Simulation) -> None:
             wanted = limited_force((force.x, force.y, force.z), limit)
-            simulation.forces[:] = pulled_nodes(simulation, message.header.frame_id, wanted)
+            frame = message.header.frame_id
+            place = simulation.scene.effector or frame if frame == self._frames.effector else frame
+            simulation.forces[:] = pulled_nodes(simulation, place, wanted)
 
         try:
             self._physics.call(pull, shows=False)
@@ -120,10 +126,8 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
                 np.add.at(forces, nodes, body.embedding.weights[index][:, None] * force)
                 return forces
             index -= len(body.surface.points)
-    effector = f"{simulation.scene.name}_effector"
-    name = simulation.scene.effector if frame == effector else frame
     for zone in simulation.model.regions:
-        if zone.frame >= 0 and zone.name == name:
+        if zone.frame >= 0 and zone.name == frame:
             forces[zone.nodes] = force / len(zone.nodes)
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)

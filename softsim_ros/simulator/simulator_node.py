@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
@@ -31,9 +32,14 @@ from softsim_node.parameters import LiveParameters, ParameterError, declare, par
 from softsim_node.process import run_node
 from softsim_ros.aside import Aside
 from softsim_ros.messages import step_profile
-from softsim_ros.robot_node import RobotNode
+from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.bases import BaseTargets
-from softsim_ros.simulator.commands import position_command, trajectory_command
+from softsim_ros.simulator.commands import (
+    named_command,
+    position_command,
+    trajectory_command,
+    trajectory_delay,
+)
 from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.parameters import SceneSettings, SimulatorSettings, check_speed
 from softsim_ros.simulator.physics_thread import PhysicsThread
@@ -45,6 +51,9 @@ from softsim_ros.simulator.stage_statistics import stage_statistics
 from softsim_ros.simulator.tuning import SCENE, TuningParameters
 
 NODE_NAME = "simulator"
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
+
 WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
@@ -103,7 +112,7 @@ class Simulator(RobotNode):
         self._publications = Publications(
             self,
             simulation,
-            self.robot,
+            self.frames,
             mesh_rate=start.mesh_rate,
             publish_clock=start.publish_clock,
             marker_stress=start.marker_stress,
@@ -121,9 +130,10 @@ class Simulator(RobotNode):
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
+        self.create_subscription(JointState, "joint_commands", self._on_joint_command, NAMED_DEPTH)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
-        self._pulls = Pulls(self, self._physics, self.refuse)
+        self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
         self._base_targets = BaseTargets(self, self._physics, self.refuse)
         for name, action in (
             ("reset", self._reset),
@@ -206,9 +216,22 @@ class Simulator(RobotNode):
         except CommandError as error:
             self.refuse(str(error))
 
+    def _on_joint_command(self, message: JointState) -> None:
+        try:
+            self.physics.command_named(named_command(message, self.joint_names, self._now_s()))
+        except CommandError as error:
+            self.refuse(str(error))
+
+    def _now_s(self) -> float:
+        """The time now in [s], on the clock that stamps what the simulator sends."""
+        if self._live.values.publish_clock:
+            return self.physics.status.time_s
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
     def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
         try:
-            self.physics.command(trajectory_command(message, self.joint_names))
+            delay = trajectory_delay(message, self._now_s())
+            self.physics.command(trajectory_command(message, self.joint_names), delay)
         except CommandError as error:
             self.refuse(str(error))
 
@@ -419,7 +442,7 @@ def _answering(
 PROGRAM = Program(
     name="simulator",
     about="Simulates one robot or scene in real time.",
-    settings=(SimulatorSettings(), PullSettings()),
+    settings=(SimulatorSettings(), FrameSettings(), PullSettings()),
     more="Material and damping of the scene are parameters, too: young_modulus, poisson_ratio,"
     " rayleigh_stiffness, rayleigh_mass, ...; of several bodies BODY.young_modulus.",
 )

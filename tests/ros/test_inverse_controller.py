@@ -143,7 +143,7 @@ def test_the_effector_comes_to_the_goal_and_stays(control: Control) -> None:
     [
         ((math.nan, 0.0, 0.03, "world"), "is not finite"),
         ((0.0, 0.0, math.inf, "world"), "is not finite"),
-        ((0.0, 0.0, 0.03, "camera"), "unknown frame_id 'camera'; allowed: world, tripod_base"),
+        ((0.0, 0.0, 0.03, "camera"), "unknown frame_id 'camera'; allowed: world, tripod/base_link"),
     ],
 )
 def test_a_goal_that_makes_no_sense_is_refused(control: Control, goal: Any, sentence: str) -> None:

@@ -107,3 +107,14 @@ def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: py
     (finding,) = ports.emulated_board()
     assert finding.level is Level.OK
     assert "install it" in finding.text
+
+
+def test_what_is_lost_without_each_optional_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = {finding.subject: finding.level for finding in house.optional_packages()}
+    assert set(installed) == {"daqp", "viser", "rosbags", "matplotlib"}
+    monkeypatch.setattr(house.importlib.util, "find_spec", lambda name: None)
+    missing = {finding.subject: finding for finding in house.optional_packages()}
+    assert all(finding.level is Level.WARNING for finding in missing.values())
+    for package, lost in (("daqp", "inverse control"), ("viser", "web page"), ("rosbags", "record, replay")):
+        assert f"without it no {lost}" in missing[package].text
+        assert f"pip install {package}" in missing[package].advice

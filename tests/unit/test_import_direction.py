@@ -51,6 +51,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.errors",
     "softsim_core.units",
     "softsim_core.mechanics.limits",
+    "softsim_core.mechanics.named_command",
     "softsim_core.scene",
     "softsim_core.scene.board",
     "softsim_core.scene.description",
@@ -58,7 +59,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
 )
-"""What servo_bridge uses of the core: errors, units, limits, and the description and loader of robots."""
+"""What servo_bridge uses of the core: errors, units, limits, checks of commands, robots and their loader."""
 
 LAYERS = (
     ("errors", "kernels", "units"),

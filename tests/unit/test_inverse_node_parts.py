@@ -24,7 +24,7 @@ from softsim_ros.inverse.plant import FEEDBACK_WITHIN_S, SILENT_AFTER_S, Plant
 from softsim_ros.messages.diagnostics import ERROR, OK, WARN
 
 TRIPOD = load_scene("tripod")
-FRAMES = ("world", "tripod_base")
+FRAMES = ("world", "tripod/base_link")
 START = np.full(3, -1.4965)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -43,7 +43,7 @@ def message(
 
 
 def test_a_pose_is_read_and_its_quaternion_made_exact() -> None:
-    pose = checked_pose(message(turn=(0.0, 0.0, 0.6001, 0.8), frame="tripod_base"), FRAMES, "goal")
+    pose = checked_pose(message(turn=(0.0, 0.0, 0.6001, 0.8), frame="tripod/base_link"), FRAMES, "goal")
     assert pose.position.tolist() == [0.01, 0.02, 0.03]
     assert np.linalg.norm(pose.quaternion_xyzw) == pytest.approx(1.0, abs=1e-15)
     blank = checked_pose(message(turn=(0.0, 0.0, 0.0, 0.0)), FRAMES, "goal")
@@ -53,7 +53,7 @@ def test_a_pose_is_read_and_its_quaternion_made_exact() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (message(frame=""), "goal refused: unknown frame_id ''; allowed: world, tripod_base"),
+        (message(frame=""), "goal refused: unknown frame_id ''; allowed: world, tripod/base_link"),
         (message((math.nan, 0.0, 0.0)), "goal refused: position [nan, 0.0, 0.0] is not finite"),
         (message((0.0, -math.inf, 0.0)), "is not finite"),
         (message(turn=(0.0, 0.0, 0.0, 2.0)), "is no unit quaternion"),
