@@ -81,15 +81,15 @@ class ClosedLoop(RobotNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / start.rate, self._tick, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
-        if start.enabled:
-            self.enable(True)
-        StateTopics(
+        self._state_topics = StateTopics(
             self,
             {
                 "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
                 "~/reference": (Vector3, self._reference),
             },
         )
+        if start.enabled:
+            self.enable(True)
         self.get_logger().info(f"measures tilts on {self._source}; {'on' if self._enabled else 'off'}")
 
     def close(self) -> None:
@@ -106,6 +106,7 @@ class ClosedLoop(RobotNode):
             self._loop.begin(time.monotonic())
             self._follows = self._task == LEAVE
         self._enabled = enabled
+        self._state_topics.refresh()
         waits = enabled and not self._loop.has_measure
         return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
 

@@ -79,7 +79,7 @@ class PathFollower(RobotNode):
         self._progress = self.create_publisher(Float64, "~/progress", 1)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
-        StateTopics(
+        self._state_topics = StateTopics(
             self,
             {
                 "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
@@ -168,6 +168,7 @@ class PathFollower(RobotNode):
     def _begin_path(self, path: EffectorPath) -> None:
         self._player.start(path)
         self._ticked_at = self._now()
+        self._state_topics.refresh()
 
     @property
     def _played_file(self) -> str:
@@ -186,16 +187,17 @@ class PathFollower(RobotNode):
         """
         self._player.pause(paused)
         self._ticked_at = self._now()
+        self._state_topics.refresh()
         return f"{'paused' if paused else 'running'} at {self._player.time:.2f} s"
 
     def enable(self, enabled: bool) -> str:
         """Allow paths to run, or stop the one that does and refuse others; returns a sentence."""
         self._enabled = enabled
-        if enabled:
-            return "ready"
-        self._start_by = self._refused = None
-        self._player.stop()
-        return "off: no goals are given"
+        if not enabled:
+            self._start_by = self._refused = None
+            self._player.stop()
+        self._state_topics.refresh()
+        return "ready" if enabled else "off: no goals are given"
 
     def _path(self) -> EffectorPath:
         if self._received is not None:

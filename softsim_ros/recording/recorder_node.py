@@ -106,7 +106,7 @@ class Recorder(ClosableNode):
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
             if self._settings.autostart:
                 self.begin()
-            StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
+            self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
         except BaseException:
             self.close()
             raise
@@ -249,6 +249,7 @@ class Recorder(ClosableNode):
             response.success, response.message = True, self.begin() if request.data else self.end()
         except SoftSimError as error:
             response.success, response.message = False, str(error)
+        self._state_topics.refresh()
         return response
 
 

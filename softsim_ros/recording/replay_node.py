@@ -97,7 +97,8 @@ class Replay(ClosableNode):
                 name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
             }
             self.create_service(SetBool, "~/pause", self._on_pause)
-            StateTopics(self, {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))})
+            facts = {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))}
+            self._state_topics = StateTopics(self, facts)
         except BaseException:
             self.destroy_node()
             raise
@@ -214,6 +215,7 @@ class Replay(ClosableNode):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._playhead.pause(request.data, time.monotonic())
+        self._state_topics.refresh()
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 

@@ -10,13 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.mechanics.pose import rotation_of
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
 from softsim_node.parameters import LiveParameters, parameter
@@ -66,6 +67,8 @@ class Pulls:
         limit = self._live.values.pull_limit
 
         def pull(simulation: Simulation) -> None:
+            if message.wrench.torque != Vector3():
+                raise CommandError("pull refused: only forces pull; leave the torque 0; nothing is pulled")
             wanted = limited_force((force.x, force.y, force.z), limit)
             frame = message.header.frame_id
             place = simulation.scene.effector or frame if frame == self._frames.effector else frame
@@ -112,7 +115,7 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
         simulation: Whose nodes.
         frame: "mesh_point/INDEX", a vertex of the visible surface as in mesh/points, or the name of a free
             frame, whose nodes share the force.
-        force: In [N], world axes, shape (3,).
+        force: In [N], in the axes of that frame; those of a vertex are the world's. Shape (3,).
 
     Raises:
         CommandError: there is no such place.
@@ -128,7 +131,8 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
             index -= len(body.surface.points)
     for zone in simulation.model.regions:
         if zone.frame >= 0 and zone.name == frame:
-            forces[zone.nodes] = force / len(zone.nodes)
+            turn = rotation_of(simulation.frames()[zone.name].quaternion_xyzw)
+            forces[zone.nodes] = turn @ force / len(zone.nodes)
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)
     raise CommandError(

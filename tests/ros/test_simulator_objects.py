@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.errors import CommandError  # noqa: E402
+from softsim_core.mechanics.pose import rotation_of  # noqa: E402
 from softsim_ros import messages  # noqa: E402
 from softsim_ros.simulator.objects import (  # noqa: E402
     FORCE_LENGTH,
@@ -113,6 +114,20 @@ def test_a_pull_on_a_point_or_frame_keeps_its_sum() -> None:
             pulled_nodes(simulation, place, force)
 
 
+def test_a_pull_on_a_frame_has_its_axes_and_on_a_point_the_world_s() -> None:
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    simulation.command(np.array([-1.0, -0.5, -0.5]))
+    for _ in range(30):
+        simulation.step()
+    force = np.array([0.0, 0.0, 1.0])
+    turn = rotation_of(simulation.frames()["centre"].quaternion_xyzw)
+    assert np.linalg.norm(turn @ force - force) > 0.02
+    np.testing.assert_allclose(
+        pulled_nodes(simulation, "centre", force).sum(axis=0), turn @ force, atol=1e-12
+    )
+    np.testing.assert_allclose(pulled_nodes(simulation, "mesh_point/0", force).sum(axis=0), force, atol=1e-12)
+
+
 def test_forces_are_shortened_and_checked() -> None:
     np.testing.assert_allclose(limited_force((3.0, 0.0, 4.0), 1.0), [0.6, 0.0, 0.8])
     np.testing.assert_allclose(limited_force((0.0, 0.0, 0.4), 1.0), [0.0, 0.0, 0.4])
@@ -134,6 +149,9 @@ def test_a_pull_moves_the_body_and_is_let_go(tripod: Any, spin_until: Any) -> No
         return bool(abs(poses[-1].pose.position.y) > 1e-3)
 
     assert spin_until(pulled)
+    message.wrench.torque.x = 0.1
+    tripod.client.publish("external_wrench", message)
+    assert tripod.warns("pull refused: only forces pull; leave the torque 0")
     assert spin_until(lambda: abs(poses[-1].pose.position.y) < 1e-4)
 
 
