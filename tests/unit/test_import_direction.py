@@ -80,6 +80,19 @@ LAYERS = (
 """Folders and files of softsim_core, lowest first; inverse control runs a whole simulation as its model."""
 
 
+INTERFACES = ("cli", "keys", "teleop", "viewer", "benchmark", "recording")
+"""What drives a robot or looks at it, for a person."""
+
+NODES_KNOW = {
+    "client": (*INTERFACES, "simulator", "inverse"),
+    "keys": ("cli", "teleop", "viewer", "simulator", "inverse"),
+    "teleop": ("cli", "viewer", "simulator", "inverse"),
+    "viewer": ("cli", "teleop", "simulator", "inverse"),
+    "inverse": INTERFACES,
+}
+"""Folders of softsim_ros that a folder of softsim_ros may not import."""
+
+
 PHYSICS = (
     "linalg",
     "mesh",
@@ -160,6 +173,17 @@ def test_folders_of_the_core_import_downward_only() -> None:
             words = name.split(".")
             if words[0] == "softsim_core" and words[1] != inside[0] and level[words[1]] >= level[inside[0]]:
                 found.append(f"{file.relative_to(REPOSITORY)}:{line} imports {name}")
+    assert found == []
+
+
+def test_user_interfaces_meet_in_the_client_only() -> None:
+    found = [
+        f"{file.relative_to(REPOSITORY)}:{line} imports {name}"
+        for folder, others in NODES_KNOW.items()
+        for file in sources(f"softsim_ros/{folder}")
+        for name, line in imported(file)
+        if within(name, tuple(f"softsim_ros.{other}" for other in others))
+    ]
     assert found == []
 
 
