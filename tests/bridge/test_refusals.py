@@ -138,8 +138,8 @@ def test_two_hundred_thousand_foreign_names_are_one_short_refusal(
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("rate:=0.001", "0.001 is refused; give 0, or 10 to 200 Hz"),
-        ("rate:=1.0e-300", "is refused; give 0, or 10 to 200 Hz"),
+        ("rate:=0.001", "0.001 is refused; give 0.0, or 10 to 200 Hz"),
+        ("rate:=1.0e-300", "is refused; give 0.0, or 10 to 200 Hz"),
         ("rate:=.nan", "rate"),
         ("settle_timeout:=0.0", "settle_timeout"),
         ("hold_timeout:=0.0", "hold_timeout"),

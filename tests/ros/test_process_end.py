@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import random
 import re
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from softsim_node.parameters import described  # noqa: E402
 from softsim_ros.cli.nodes import NODES  # noqa: E402
 
 COMMANDS = "position_controller/commands"
@@ -98,18 +99,18 @@ def test_two_signals_at_any_moment_end_every_executable_in_order(
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_help_of_every_executable_names_it_and_its_parameters(name: str) -> None:
-    package = NODES[name].package
-    code = f"import sys; from {package}.executables import {name}; sys.exit({name}())"
-    done = subprocess.run(
-        [sys.executable, "-c", code, "--help"],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert f"usage: {name} " in done.stdout
+def test_help_of_every_executable_names_it_and_its_parameters(
+    ros_domain: int, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = importlib.import_module(NODES[name].module)
+    assert importlib.import_module(f"{NODES[name].package}.executables").__dict__[name]
+    assert module.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert f"usage: {name} " in shown
+    assert "fixed after the start" in shown
+    for parameter, _, about in chain.from_iterable(map(described, module.PROGRAM.settings)):
+        assert f"  {parameter}: " in shown
+        assert not about.text.endswith((".", "]"))  # the unit stands beside it
 
 
 def far(client: BridgeClient, board: VirtualBoard) -> Stream:

@@ -40,6 +40,16 @@ def test_discovery_stays_on_this_computer_unless_the_user_wishes_otherwise(
     assert told in discovery.sentence(variables)
 
 
+def test_rclpy_starts_in_one_place_which_prepares_the_environment() -> None:
+    places = [
+        str(file.relative_to(REPOSITORY))
+        for package in ("softsim_node", "softsim_ros", "servo_bridge")
+        for file in (REPOSITORY / package).rglob("*.py")
+        if "rclpy.init(" in file.read_text()
+    ]
+    assert places == ["softsim_node/process.py"]
+
+
 def test_an_unknown_discovery_range_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(discovery.DiscoveryError, match="'everybody' is refused; allowed: LOCALHOST, SUBNET"):
         discovery.wished_range({discovery.WISH: "everybody"})
