@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 
 from servo_bridge.pty_board import PtyBoard
+from softsim_node.guarded_node import GuardedNode
 from softsim_node.parameters import declare, parameter
 
 STATUS_PERIOD_S = 0.2
@@ -26,7 +26,7 @@ class BoardSettings:
     link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
 
 
-class BoardNode(Node):
+class BoardNode(GuardedNode):
     """A board, what it does as a topic, and where wished as a line on standard output.
 
     A subclass makes its `board` with a link to `link_path`, then calls `begin`.

@@ -10,10 +10,11 @@ from rclpy.lifecycle import LifecycleNode
 
 from servo_bridge.wording import shortened
 from softsim_core.errors import listing
+from softsim_node.guarded_node import GuardedNode
 
 
-class GuardedLifecycleNode(LifecycleNode):
-    """rclpy's LifecycleNode, safe against transitions that the present state does not have.
+class GuardedLifecycleNode(GuardedNode, LifecycleNode):
+    """rclpy's LifecycleNode behind doors, and safe against transitions that the present state does not have.
 
     rclpy raises from the service's callback then, which ends the process: any `ros2 lifecycle set` typed in
     the wrong state would stop a robot.

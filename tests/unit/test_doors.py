@@ -10,14 +10,14 @@ from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
 from softsim_core.errors import CommandError
-from softsim_node.sentences import LONGEST_SENTENCE, one_line, sentence_of
-from softsim_ros.doors import (
+from softsim_node.doors import (
     REFUSAL_PERIOD_S,
     Refusals,
     message_door,
     parameter_door,
     service_door,
 )
+from softsim_node.sentences import LONGEST_SENTENCE, one_line, sentence_of
 
 pytestmark = pytest.mark.ros
 
