@@ -118,8 +118,9 @@ def unknown_name(robot: RobotDescription, wish: Wish) -> str:
     else:
         joints = wish.joints if isinstance(wish, StepJoints) else (wish.joint,)
         what, unknown, known = "joint", set(joints) - set(robot.joint_names), robot.joint_names
-    names, all_names = listing(sorted(unknown)), listing(known)
-    return f"nothing moved: unknown {what} {names}; known: {all_names}" if unknown else ""
+    if not unknown:
+        return ""
+    return f"nothing moved: unknown {what} {listing(sorted(unknown))}; known: {listing(known)}"
 
 
 def _command(
