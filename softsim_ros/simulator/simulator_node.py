@@ -7,12 +7,13 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import Float64MultiArray, String
@@ -132,12 +133,12 @@ class Simulator(RobotNode):
             ("start", self._start),
         ):
             self.create_service(Trigger, f"~/{name}", _answering(action))
-        self.create_service(Trigger, "~/reload", self._on_reload)
+        self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
-            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady)
+            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
         self._physics.start()
         self.get_logger().info(
             f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
@@ -247,8 +248,14 @@ class Simulator(RobotNode):
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
         """As ClosableNode's; parameters that bring another scene are answered once that has been built."""
         setters = (SetParameters, SetParametersAtomically)
-        behind = self._built_first(callback) if srv_type in setters else callback
-        return super().create_service(srv_type, srv_name, behind, **options)
+        if srv_type in setters:
+            callback, options = self._built_first(callback), {**options, "callback_group": self._waiting}
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    @cached_property
+    def _waiting(self) -> ReentrantCallbackGroup:
+        """Callbacks that wait for work aside; in the node's own group all others would wait with them."""
+        return ReentrantCallbackGroup()
 
     def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         async def answer(request: Any, response: Any) -> Any:
