@@ -166,7 +166,7 @@ def test_the_launch_file_starts_what_is_installed(described: list[Recorded]) -> 
 def test_the_launch_file_sets_parameters_that_exist(described: list[Recorded]) -> None:
     sources = {
         "simulator": REPOSITORY / "softsim_ros" / "simulator",
-        "inverse_controller": REPOSITORY / "softsim_ros" / "simulator",  # `robot`, declared for both there
+        "inverse_controller": REPOSITORY / "softsim_ros",  # `robot`, as for every node of a robot
         "servo_bridge": REPOSITORY / "servo_bridge",
         "virtual_board": REPOSITORY / "servo_bridge",
     }
@@ -176,4 +176,5 @@ def test_the_launch_file_sets_parameters_that_exist(described: list[Recorded]) -
         text = "".join(file.read_text() for file in sources[entity.keywords["executable"]].glob("*.py"))
         for parameters in entity.keywords["parameters"]:
             for name in parameters:
-                assert f'"{name}"' in text, f"{entity.keywords['executable']} declares no parameter {name}"
+                declared = re.search(rf"^    {name}: \w+ = parameter\(", text, re.MULTILINE)
+                assert declared, f"{entity.keywords['executable']} declares no parameter {name}"
