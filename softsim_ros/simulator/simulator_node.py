@@ -248,8 +248,6 @@ class Simulator(RobotNode):
 
     async def _reload(self) -> str:
         """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
-        if self._aside.is_busy:
-            raise SoftSimError("another scene is being loaded; ask again once that is done")
         try:
             following = await self._aside.run(partial(self._builder.anew, self._files))
         except Exception as error:
