@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from typing import TypeVar
 
 from softsim_core.errors import SoftSimError
+
+MOST_WAITING = 3
+"""So many pieces of work wait for the one that is being done; more are refused."""
 
 LOOK_S = 0.02
 """A look at whether the work is done blocks the executor for at most this long, in [s]."""
@@ -16,29 +20,46 @@ Result = TypeVar("Result")
 
 
 class Aside:
-    """One piece of work at a time; to be awaited in a callback that is a coroutine.
+    """One piece of work after the other; to be awaited in a callback that is a coroutine.
 
     Args:
-        what: What is being done, for the refusal of a second piece, such as "a scene is being loaded".
+        what: What is being done, for the refusal of too many pieces, such as "a scene is being loaded".
     """
 
     def __init__(self, what: str) -> None:
         self._what = what
+        self._line: deque[object] = deque()
         self._thread: threading.Thread | None = None
 
     @property
     def is_busy(self) -> bool:
         """Whether work is being done."""
-        return self._thread is not None
+        return bool(self._line)
 
     async def run(self, work: Callable[[], Result]) -> Result:
-        """The result of `work`; what it raises is raised here.
+        """The result of `work`, done once all that was asked for before is; what it raises is raised here.
 
         Raises:
-            SoftSimError: other work is being done.
+            SoftSimError: too much is waiting already.
         """
-        if self._thread is not None:
-            raise SoftSimError(f"{self._what}; ask again once that is done")
+        if len(self._line) > MOST_WAITING:
+            raise SoftSimError(f"{self._what}, and {MOST_WAITING} more wait; ask again later")
+        place = object()
+        self._line.append(place)
+        try:
+            while self._line[0] is not place:
+                await self._look()
+            return await self._done(work)
+        finally:
+            self._line.remove(place)
+
+    def close(self) -> None:
+        """Wait for the end of the work that is being done, if there is any."""
+        thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    async def _done(self, work: Callable[[], Result]) -> Result:
         done: Future[Result] = Future()
 
         def carry_out() -> None:
@@ -49,19 +70,14 @@ class Aside:
 
         self._thread = threading.Thread(target=carry_out, name="aside")
         self._thread.start()
-        try:
-            while self._thread.is_alive():
-                self._thread.join(LOOK_S)
-                await _Turn()
-        finally:
-            self._thread = None
+        while self._thread.is_alive():
+            await self._look()
         return done.result()
 
-    def close(self) -> None:
-        """Wait for the end of the work that is being done, if there is any."""
-        thread = self._thread
-        if thread is not None:
-            thread.join()
+    async def _look(self) -> None:
+        if self._thread is not None:
+            self._thread.join(LOOK_S)
+        await _Turn()
 
 
 class _Turn:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from sensor_msgs.msg import JointState
@@ -21,12 +20,10 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from servo_bridge.state_topics import StateTopics
-from softsim_core import RobotDescription, Simulation
-from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
+from softsim_core import RobotDescription
+from softsim_core.errors import CommandError, SoftSimError, listing
 from softsim_core.scene import SceneCatalog
 from softsim_core.scene.catalog import folders_of
-from softsim_core.warmup import cached_kernels
-from softsim_node.ending import ending
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter_probe
 from softsim_node.process import run_node
@@ -41,6 +38,7 @@ from softsim_ros.simulator.commands import (
     trajectory_delay,
 )
 from softsim_ros.simulator.health import NOT_LOADED, health
+from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, Tried, reason
 from softsim_ros.simulator.parameters import SceneSettings, SimulatorSettings, check_speed
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
@@ -58,23 +56,6 @@ WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
 
-class _NextScene(NamedTuple):
-    """A scene that is ready to take the place of the one that runs."""
-
-    files: SceneFiles
-    scene: RobotDescription
-    simulation: Simulation
-    overrides: str
-
-
-class _Tried(NamedTuple):
-    """What came of a parameter's wish (name and value) for another scene: that, or why there is none."""
-
-    wish: tuple[str, str]
-    built: _NextScene | None
-    error: Exception | None
-
-
 class Simulator(RobotNode):
     """Simulates one robot or scene in real time; made as RobotNode says.
 
@@ -88,7 +69,7 @@ class Simulator(RobotNode):
 
     def _begin(self, robot: RobotDescription) -> None:
         self._aside = Aside("another scene is being loaded")
-        self._tried: _Tried | None = None
+        self._tried: Tried | None = None
         first = self._asked_first()
         self._files = SceneFiles(robot)
         self._files.overrides = first.overrides
@@ -106,7 +87,8 @@ class Simulator(RobotNode):
         self._snapshots = SnapshotFolder(Path(start.snapshot_folder))
         self._snapshots.file(start.snapshot)
         self._tuning = TuningParameters(self, lambda change: self.physics.call(change, shows=False))
-        simulation = self._build(self._tuning.declare(robot))
+        self._builder = SceneBuilder(lambda: self._live.values, self.get_logger())
+        simulation = self._builder.build(self._tuning.declare(robot))
         self.joint_names = simulation.joint_names
         self._backend = simulation.backend
         self._publications = Publications(
@@ -143,12 +125,12 @@ class Simulator(RobotNode):
             ("start", self._start),
         ):
             self.create_service(Trigger, f"~/{name}", _answering(action))
-        self.create_service(Trigger, "~/reload", self._on_reload)
+        self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
-            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady)
+            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
         self._physics.start()
         self._state_topics = StateTopics(
             self,
@@ -167,25 +149,6 @@ class Simulator(RobotNode):
         options = {"context": self.context, "namespace": self.get_namespace(), **self.given}
         with parameter_probe(self.node_name, **options) as probe:
             return declare(probe, SceneSettings(robot=self.robot_parameter))
-
-    def _build(self, scene: RobotDescription) -> Simulation:
-        """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
-        robot = self._live.values.over(scene)
-        compiled, _ = cached_kernels()
-        once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
-        self.get_logger().info(f"building {robot.name}{once}")
-        backend: Any = self._live.values.backend
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            with ending.interruptible():
-                trial = Simulation(dataclasses.replace(robot, controllers=()), backend=backend)
-                with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
-                    trial.step()
-                trial.von_mises()
-                simulation = Simulation(robot, backend=backend)
-        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
-            self.get_logger().warning(sentence)
-        return simulation
 
     def close(self) -> None:
         """End the physics, then destroy the node; a second call does nothing."""
@@ -284,8 +247,14 @@ class Simulator(RobotNode):
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
         """As ClosableNode's; parameters that bring another scene are answered once that has been built."""
         setters = (SetParameters, SetParametersAtomically)
-        behind = self._built_first(callback) if srv_type in setters else callback
-        return super().create_service(srv_type, srv_name, behind, **options)
+        if srv_type in setters:
+            callback, options = self._built_first(callback), {**options, "callback_group": self._waiting}
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    @cached_property
+    def _waiting(self) -> ReentrantCallbackGroup:
+        """Callbacks that wait for work aside; in the node's own group all others would wait with them."""
+        return ReentrantCallbackGroup()
 
     def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         async def answer(request: Any, response: Any) -> Any:
@@ -295,9 +264,9 @@ class Simulator(RobotNode):
             if len(wishes) == 1:
                 try:
                     built = await self._aside.run(partial(self._prepare, *wishes[0]))
-                    self._tried = _Tried(wishes[0], built, None)
+                    self._tried = Tried(wishes[0], built, None)
                 except Exception as error:
-                    self._tried = _Tried(wishes[0], None, error)
+                    self._tried = Tried(wishes[0], None, error)
             try:
                 return callback(request, response)
             finally:
@@ -316,43 +285,22 @@ class Simulator(RobotNode):
 
     async def _reload(self) -> str:
         """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
-
-        def load() -> _NextScene:
-            scene = self._files.load()
-            return _NextScene(self._files, scene, self._build(scene), self._files.overrides)
-
-        if self._aside.is_busy:
-            raise SoftSimError("another scene is being loaded; ask again once that is done")
         try:
-            following = await self._aside.run(load)
+            following = await self._aside.run(partial(self._builder.anew, self._files))
         except Exception as error:
-            sentence = f"{NOT_LOADED}{_reason(error)}"
+            sentence = f"{NOT_LOADED}{reason(error)}"
             self.physics.stop(sentence)
             raise SoftSimError(sentence) from error
         self._go_on_with(following)
         return f"loaded {following.scene.source}"
 
-    def _prepare(self, name: str, value: str) -> _NextScene:
-        """The scene that a parameter asks for, ready to run; nothing changes here.
-
-        Args:
-            name: "robot" or "overrides".
-            value: Of the parameter.
-
-        Raises:
-            SoftSimError: it cannot be loaded or built.
-        """
+    def _prepare(self, name: str, value: str) -> NextScene:
+        """The scene that `robot` or `overrides` asks for, ready to run; nothing changes here."""
         if name == "robot":
-            files = SceneFiles(self._scenes.load(value))
-            scene = files.load()
-            return _NextScene(files, scene, self._build(scene), "")
-        try:
-            scene = self._files.try_overrides(value)
-            return _NextScene(self._files, scene, self._build(scene), value)
-        except Exception as error:
-            raise SoftSimError(f"overrides refused: {_reason(error)}") from error
+            return self._builder.named(value, self._scenes)
+        return self._builder.overridden(value, self._files)
 
-    def _go_on_with(self, following: _NextScene) -> None:
+    def _go_on_with(self, following: NextScene) -> None:
         try:
             self._tuning.declare(following.scene)
         except ParameterError:  # what was given at the start fits another material
@@ -376,7 +324,7 @@ class Simulator(RobotNode):
         for name in names & SCENE:
             wish = (name, settings.robot if name == "robot" else settings.overrides)
             if self._tried is None or self._tried.wish != wish:
-                self._tried = _Tried(wish, self._prepare(*wish), None)
+                self._tried = Tried(wish, self._prepare(*wish), None)
             if self._tried.error is not None:
                 error, self._tried = self._tried.error, None
                 raise error
@@ -415,10 +363,6 @@ class Simulator(RobotNode):
             self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
         if self._step_profile.get_subscription_count():
             self._step_profile.publish(step_profile(*self.physics.history.steps()))
-
-
-def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
 
 
 def _attempt(action: Callable[[], str]) -> tuple[bool, str]:

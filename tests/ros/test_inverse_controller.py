@@ -256,7 +256,7 @@ def test_weights_change_at_run_time(control: Control) -> None:
         assert not put("gain", 2.0)[0]
         assert put("feedback", "telepathy") == (
             False,
-            "feedback 'telepathy' is refused; allowed is none, effector_pose, imu",
+            "parameter feedback = 'telepathy' is refused; allowed is one of: none, effector_pose, imu",
         )
     finally:
         assert put("position_weights", [1.0, 1.0, 1.0])[0]

@@ -122,8 +122,9 @@ def far(client: BridgeClient, board: VirtualBoard) -> Stream:
 
 @pytest.mark.parametrize("how", ["hang-up", "kill -9 of what started it"])
 def test_a_bridge_that_loses_its_terminal_or_its_parent_ends_at_rest(
-    start: ProcessGroup, client: BridgeClient, tmp_path: Path, how: str
+    start: ProcessGroup, client: BridgeClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")  # as sourcing apt's ROS 2 does
     with VirtualBoard(link=tmp_path / "board") as board:
         words = [BRIDGE, *bridge_words(port=board.port, open_wait_s=0.0, autostart="activate")]
         (tmp_path / "runner.py").write_text(  # processes start in this folder
@@ -131,6 +132,7 @@ def test_a_bridge_that_loses_its_terminal_or_its_parent_ends_at_rest(
         )
         launcher = start("runner", *words) if how != "hang-up" else start(*words)
         stream = far(client, board)
+        assert launcher.says("reached by nodes on this computer only")
         if how == "hang-up":
             assert launcher.end(signal.SIGHUP) == 0
         else:

@@ -124,17 +124,26 @@ def create_scene(*_):
         patient = type(tripod)(process, client)
         setter = client.node.create_client(SetParameters, "simulator/set_parameters")
         assert setter.wait_for_service(DEADLINE_S)
-        wish = Parameter("robot", value="patient").to_parameter_msg()
-        answer = setter.call_async(SetParameters.Request(parameters=[wish]))
+
+        def wish(robot: str) -> Any:
+            message = Parameter("robot", value=robot).to_parameter_msg()
+            return setter.call_async(SetParameters.Request(parameters=[message]))
+
+        def reason(answer: Any) -> str:
+            return str(answer.result().results[0].reason)
+
+        answer = wish("patient")
         with gate.open("w"):  # opens once the scene's code runs
             assert patient.pause(True)[0]
             assert patient.trigger("step")[0]
             assert patient.set_parameters(speed=2.0) == (True, "")
-            refused_meanwhile = patient.set_parameters(robot="tripod")
-            assert not answer.done()
-        assert "another scene is being loaded" in refused_meanwhile[1]
-        assert spin_until(answer.done)
-        assert "nothing here" in answer.result().results[0].reason
+            others = [wish("no_such_robot") for _ in range(4)]
+            assert spin_until(others[-1].done)  # no more than three wait
+            assert "another scene is being loaded" in reason(others[-1])
+            assert not any(each.done() for each in (answer, *others[:-1]))
+        assert spin_until(lambda: all(each.done() for each in (answer, *others)))
+        assert "nothing here" in reason(answer)
+        assert all("known" in reason(each) for each in others[:-1])
         assert patient.get_parameter("robot") == "held_centre"
     finally:
         client.close()
