@@ -58,7 +58,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
 )
-"""What servo_bridge uses of the core: errors, units, limits and checks of commands, and the description and loader of robots."""
+"""What servo_bridge uses of the core: errors, units, limits, checks of commands, robots and their loader."""
 
 LAYERS = (
     ("errors", "kernels", "units"),
