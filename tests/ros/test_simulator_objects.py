@@ -37,8 +37,9 @@ def rows(points: Any) -> np.ndarray:
 
 def test_bodies_are_triangles_in_their_own_frames() -> None:
     simulation = Simulation(load_scene("gripper_step_1"))
-    floor, cube = bodies_topology(simulation).markers
+    floor, cube = bodies_topology(simulation, lambda number, name: f"r/{name}_{number}").markers
     assert (floor.ns, cube.ns) == ("floor", "cube")
+    assert (cube.header.frame_id, cube.frame_locked) == ("r/cube_1", True)
     assert cube.type == Marker.TRIANGLE_LIST
     assert len(cube.points) == 36
     np.testing.assert_allclose(np.abs(rows(cube.points)), 0.02)
