@@ -16,6 +16,7 @@ from softsim_ros.client.discovery import running_robots
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.client.services import Outcome
 from softsim_ros.client.state import RobotState
+from softsim_ros.doors import sentence_of
 from softsim_ros.environment import prepare_environment
 from softsim_ros.runtime import ClosableNode, SpinThread
 
@@ -74,7 +75,13 @@ class RobotSession:
                 ends.append(end)
                 self._changed.notify_all()
 
-        self._spinner.executor.create_task(lambda: action(*arguments, keep))
+        def act() -> None:
+            try:
+                action(*arguments, keep)
+            except Exception as error:  # what no action takes, such as a text for a position
+                keep(Outcome(False, f"{action.__qualname__} {sentence_of(error)}"))
+
+        self._spinner.executor.create_task(act)
         with self._changed:
             self._changed.wait_for(lambda: ends, DONE_WITHIN_S)
         if not ends:
