@@ -13,6 +13,7 @@ from rclpy.context import Context
 from softsim_core.errors import SoftSimError, listing
 from softsim_core.scene import RobotDescription, load_scene
 from softsim_node.environment import prepare_environment
+from softsim_node.sentences import sentence_of
 from softsim_ros.client.discovery import running_robots
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.client.services import Outcome
@@ -74,7 +75,13 @@ class RobotSession:
                 ends.append(end)
                 self._changed.notify_all()
 
-        self._spinner.executor.create_task(lambda: action(*arguments, keep))
+        def act() -> None:
+            try:
+                action(*arguments, keep)
+            except Exception as error:  # what no action takes, such as a text for a position
+                keep(Outcome(False, f"{action.__qualname__} {sentence_of(error)}"))
+
+        self._spinner.executor.create_task(act)
         with self._changed:
             self._changed.wait_for(lambda: ends, DONE_WITHIN_S)
         if not ends:

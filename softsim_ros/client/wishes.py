@@ -73,11 +73,7 @@ def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -
     if isinstance(wish, GoToPose):
         return _command(state, robot, robot.poses[wish.pose], robot.joint_names, f"pose {wish.pose}", now)
     if isinstance(wish, MoveAll):
-        try:
-            values = check_command(wish.positions, robot.joint_names)
-        except CommandError as error:
-            return Decision(state, str(error), None)
-        return _command(state, robot, values, robot.joint_names, "all joints by command", now)
+        return _command(state, robot, wish.positions, robot.joint_names, "all joints by command", now)
     held = held_positions(state, now)
     if isinstance(wish, MoveJoint):
         to = dict(zip(robot.joint_names, held, strict=True)) | {wish.joint: wish.position}
@@ -131,6 +127,10 @@ def _command(
     title: str,
     now: float,
 ) -> Decision:
+    try:
+        check_command(wanted, robot.joint_names)
+    except CommandError as error:
+        return Decision(state, str(error), None)
     values, stopped = _limited(state, robot, wanted, moved)
     sentence = listing(stopped) if stopped else title
     return Decision(with_command(state, robot, values, now, own=True), sentence, values)

@@ -272,5 +272,5 @@ def test_launch_files_import_nothing_but_launch_and_the_suite() -> None:
             for node in ast.walk(ast.parse(file.read_text()))
             if isinstance(node, (ast.Import, ast.ImportFrom))
         }
-        ours = {"launch", "launch_ros", "ament_index_python", "softsim_ros", "softsim_core"}
+        ours = {"launch", "launch_ros", "ament_index_python", "softsim_node", "softsim_ros", "softsim_core"}
         assert found <= ours | set(sys.stdlib_module_names)

@@ -54,8 +54,13 @@ def test_commands_arrive_within_limits_and_the_state_follows(robot: RobotSession
     assert (state.simulator, state.bridge, state.inverse) == ("running", "not running", False)
     assert "servo_2 stops at its upper limit" in robot.do(robot.client.joints.command, [-1.0, -1.0, 5.0])
     assert robot.state.commanded == pytest.approx((-1.0, -1.0, -0.0255))
-    with pytest.raises(ClientError, match="command of 1 values refused: expected 3"):
-        robot.do(robot.client.joints.command, [0.0])
+    for values, words in (
+        ([0.0], "command of 1 values refused: expected 3"),
+        (["a", 0.0, 0.0], "expected a finite number"),
+        (7.0, "Joints.command refused: TypeError"),
+    ):
+        with pytest.raises(ClientError, match=words):
+            robot.do(robot.client.joints.command, values)
 
 
 def test_time_stands_still_steps_and_begins_anew(robot: RobotSession) -> None:

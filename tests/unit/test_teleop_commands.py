@@ -295,6 +295,7 @@ def test_wishes_of_a_script_become_commands_within_limits(wish: Any, expected: t
         (StepJoints(("a", "servo_0"), 0.1), "unknown joint a;"),
         (MoveAll((0.0, 0.0)), "command of 2 values refused: expected 3"),
         (MoveAll((0.0, math.nan, 0.0)), "expected a finite number"),
+        (MoveJoint("servo_1", math.nan), "for joint servo_1 refused: expected a finite number"),
     ],
 )
 def test_wishes_that_mean_nothing_move_nothing(wish: Any, word: str) -> None:
