@@ -63,4 +63,4 @@ def assemble(
         on_tilt=on_tilt,
         e_stop=e_stop,
     )
-    return Assembled(driver, str(calibration or ""), settings.imu_frame or f"{robot.name}_effector")
+    return Assembled(driver, str(calibration or ""), settings.imu_frame or f"{settings.frame_prefix}effector")

@@ -5,20 +5,28 @@ from __future__ import annotations
 import argparse
 import sys
 from abc import abstractmethod
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from servo_bridge.pty_board import PtyBoard
+from softsim_node.guarded_node import GuardedNode
+from softsim_node.parameters import declare, parameter
 
 STATUS_PERIOD_S = 0.2
 
 
-class BoardNode(Node):
+@dataclass(frozen=True, kw_only=True)
+class BoardSettings:
+    """What the parameters of every board begin with."""
+
+    robot: str = parameter("tripod", "Robot whose namespace the board takes", fixed=True)
+    link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
+
+
+class BoardNode(GuardedNode):
     """A board, what it does as a topic, and where wished as a line on standard output.
 
     A subclass makes its `board` with a link to `link_path`, then calls `begin`.
@@ -28,15 +36,19 @@ class BoardNode(Node):
         show: Write the port's name and a status line to standard output.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
+
+    Attributes:
+        defaults: Parameters and their defaults; a subclass may have more.
+        settings: The same as they were given.
     """
 
     board: PtyBoard
+    defaults: ClassVar[Any] = BoardSettings()
 
     def __init__(self, *, link: str | None, show: bool, node_name: str, **node_kwargs: Any) -> None:
         super().__init__(node_name, **node_kwargs)
-        described = "Path of a symbolic link to the port; empty: none."
-        self.declare_parameter("link", "", ParameterDescriptor(description=described, read_only=True))
-        self.link_path = (str(self.get_parameter("link").value) if link is None else link) or None
+        self.settings = declare(self, self.defaults)
+        self.link_path = (self.settings.link if link is None else link) or None
         self._show = show
         self._shown = ""
 
@@ -79,16 +91,6 @@ class BoardNode(Node):
             sys.stdout.flush()
 
 
-def requested_link(program: str, description: str, args: list[str] | None) -> str | None:
-    """The option --link of a board's command line; None where it is not given.
-
-    Args:
-        program: Name of the program.
-        description: One line for its help.
-        args: Command line without the program's name; None takes the process's own.
-    """
-    command_line = sys.argv if args is None else [program, *args]
-    parser = argparse.ArgumentParser(prog=program, description=description)
-    parser.add_argument("--link", metavar="PATH", help="symbolic link to the port, with a name that stays")
-    link: str | None = parser.parse_args(remove_ros_args(command_line)[1:]).link
-    return link
+def add_link(parser: argparse.ArgumentParser) -> None:
+    """Add the option --link of a board's command line."""
+    parser.add_argument("--link", metavar="PATH", help="as the parameter link")

@@ -6,17 +6,15 @@ import sys
 import threading
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -31,10 +29,10 @@ from servo_bridge.e_stop import EStop
 from servo_bridge.e_stop_services import EStopServices
 from servo_bridge.errors import PortError
 from servo_bridge.imu import imu_message
-from servo_bridge.inputs import command_values, joint_positions
+from servo_bridge.inputs import NamedCommand, command_values, joint_positions, named_command
 from servo_bridge.lifecycle import GuardedLifecycleNode
+from servo_bridge.parameters import BridgeSettings
 from servo_bridge.ports import find_again, find_port, stable_name
-from servo_bridge.process import run_node
 from servo_bridge.protocols import TiltReading
 from servo_bridge.recovery import Recovery
 from servo_bridge.state_topics import StateTopics
@@ -42,12 +40,19 @@ from servo_bridge.wording import printable, sentence
 from servo_bridge.writer import PeriodicThread
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.frames import prefix_of
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
 
 Values = TypeVar("Values")
 
 SUPERVISION_PERIOD_S = 0.1
 SETTLING_MARGIN_S = 2.0
 """How much longer than `settle_timeout` the way to rest is waited for, braking and rest packets included."""
+
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
 
 REFUSAL_LOG_PERIOD_S = 2.0
 RETRY_JITTER = 0.2
@@ -56,12 +61,12 @@ RETRY_JITTER = 0.2
 class ServoBridge(GuardedLifecycleNode):
     """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
 
-    Topics (relative): `joint_states` or `position_controller/commands` in, `applied_joint_states` out (what
-    was really sent, one message a packet), `imu` where the board has one, `/diagnostics` at 1 Hz; latched and
-    on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`, `~/commanded_by`. Packets
-    leave from a thread of their own, at a fixed rate whatever the executor is busy with; it runs as long as
-    the port is open, and looks at the e-stop for each packet. Services: the lifecycle ones, and `~/e_stop`,
-    `~/clear_e_stop` on an executor of their own.
+    Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
+    `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
+    `/diagnostics` at 1 Hz; latched and on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`,
+    `~/commanded_by`. Packets leave from a thread of their own, at a fixed rate whatever the executor is busy
+    with; it runs as long as the port is open, and looks at the e-stop for each packet. Services: the
+    lifecycle ones, and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
 
     Args:
         scene: Robot already loaded; None loads the parameter `robot` at configure.
@@ -73,7 +78,13 @@ class ServoBridge(GuardedLifecycleNode):
         self, *, scene: RobotDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
     ) -> None:
         super().__init__(node_name, **node_kwargs)
-        parameters.declare(self)
+        self._live = LiveParameters(
+            self,
+            BridgeSettings(frame_prefix=prefix_of(self.get_namespace())),
+            check=self._check_parameters,
+            apply=self._apply_parameters,
+        )
+        parameters.check(self._live.values)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
         self._e_stop = EStop()  # outside that lock
@@ -88,6 +99,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._stable_port = ""  # name of the configured board that outlives its number; empty: none
         self._calibration = ""
         self._imu_frame = ""
+        self._base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
         self._source_subscription: Subscription | None = None
         self._source_topic = ""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -98,11 +110,9 @@ class ServoBridge(GuardedLifecycleNode):
             DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
         )
         self._imu: Publisher = self.create_publisher(Imu, "imu", QoSProfile(depth=10))
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
-        self._recovery.want(parameters.read(self).autostart, time.monotonic(), wait=False)
+        self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
         self._state_topics = StateTopics(
             self,
             {
@@ -197,7 +207,7 @@ class ServoBridge(GuardedLifecycleNode):
         super().destroy_node()
 
     def _configure(self) -> None:
-        settings = parameters.read(self)
+        settings = self._live.values
         assembled = assemble(settings, self._scene, self._e_stop, self._on_tilt)
         driver = assembled.driver
         self._imu_frame, self._calibration = assembled.imu_frame, assembled.calibration
@@ -205,18 +215,14 @@ class ServoBridge(GuardedLifecycleNode):
             driver.motion.resume_from(self._driver.motion.positions)
         self._open(driver, find_port(settings.port), settings.open_wait_s)
         self._release_topics()
-        if settings.source == "commands":
-            self._source_subscription = self.create_subscription(
-                Float64MultiArray,
-                "position_controller/commands",
-                self._on_command,
-                QoSProfile(depth=1),
-                raw=True,
-            )
-        else:
-            self._source_subscription = self.create_subscription(
-                JointState, "joint_states", self._on_joint_states, QoSProfile(depth=1), raw=True
-            )
+        message_type, topic, callback, depth = {
+            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
+            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
+            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
+        }[settings.source]
+        self._source_subscription = self.create_subscription(
+            message_type, topic, callback, QoSProfile(depth=depth), raw=True
+        )
         self._source_topic = str(self._source_subscription.topic_name)
         self._trouble = ""
         self.get_logger().info(
@@ -246,7 +252,7 @@ class ServoBridge(GuardedLifecycleNode):
             if not self._sending or driver is None:
                 return
             self._sending = False
-            timeout_s = parameters.read(self).settle_timeout
+            timeout_s = self._live.values.settle_timeout
             if writer is None or not driver.begin_settling(timeout_s):
                 driver.stand_by()
                 return
@@ -263,7 +269,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._stop_sending()
             self._stop_writer()
             if self._driver is not None:
-                self._driver.disconnect(relax=parameters.read(self).relax_at_end)
+                self._driver.disconnect(relax=self._live.values.relax_at_end)
             if not self._closed:
                 self._release_topics()
 
@@ -291,6 +297,12 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _on_joint_states(self, data: bytes) -> None:
         self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
+
+    def _on_joint_commands(self, data: bytes) -> None:
+        def unpack(data: bytes) -> NamedCommand:
+            return named_command(data, 1e-9 * self.get_clock().now().nanoseconds)
+
+        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
 
     def _obey(
         self,
@@ -397,7 +409,7 @@ class ServoBridge(GuardedLifecycleNode):
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
                 return False
         elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
-            settings = parameters.read(self)
+            settings = self._live.values
             try:
                 port = find_again(settings.port, self._stable_port)
                 self._open(self._driver, port, settings.open_wait_s)
@@ -425,6 +437,7 @@ class ServoBridge(GuardedLifecycleNode):
             return
         message = JointState(name=list(driver.servo_joints))
         message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self._base_frame
         message.position = array("d", driver.applied_angles())
         self._publish(self._applied, message)
 
@@ -461,28 +474,33 @@ class ServoBridge(GuardedLifecycleNode):
 
     # Parameters
 
-    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, names: frozenset[str], settings: BridgeSettings) -> None:
         configured = self.lifecycle_state in ("inactive", "active")
-        reason = parameters.refusal(changes, configured)
-        return SetParametersResult(successful=not reason, reason=reason)
+        parameters.check(settings, names, configured=configured)
 
-    def _apply_parameters(self, changes: list[Parameter]) -> None:
+    def _apply_parameters(self, _: frozenset[str], settings: BridgeSettings) -> None:
         with self._lock:
             if self._driver is not None:
-                settings = parameters.read(self)
                 self._driver.avoid_byte_100 = settings.avoid_byte_100
                 self._driver.set_timing(settings.motion)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the bridge until Ctrl-C or SIGTERM; the servos end in the safe pose.
+PROGRAM = Program(
+    name="servo_bridge",
+    about="Writes a robot's joint angles as servo packets to a serial port, through limits and ramps.",
+    settings=(BridgeSettings(),),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the bridge until a signal or the end of its parent; the servos end in the safe pose.
 
     Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
 
     Returns:
-        Exit code: 0 after a normal end, 2 for a parameter that cannot be used.
+        Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.
     """
-    return run_node(lambda: ServoBridge(namespace=parameters.robot_namespace()), args)
+    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace(PROGRAM.name)), args)
 
 
 if __name__ == "__main__":

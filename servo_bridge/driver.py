@@ -26,6 +26,7 @@ from servo_bridge.transport import SerialTransport
 from servo_bridge.wording import named, sentence
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.mechanics.limits import check_command
+from softsim_core.mechanics.named_command import check_named_command
 from softsim_core.scene.robot import RobotDescription
 
 REST_REPEATS = 3
@@ -238,6 +239,27 @@ class ServoDriver(BoardPort):
         except CommandError as error:
             self.refuse(error)
             raise
+
+    def command_some(self, names: Sequence[str], positions: Sequence[float]) -> None:
+        """Take positions in [rad] of some of the robot's joints; the other servos go on as they are told.
+
+        A NaN stands for no command; one for no servo at all changes nothing.
+
+        Raises:
+            CommandError: unknown or repeated names, another number of positions, or an infinite one; nothing
+                of it is used.
+        """
+        try:
+            command = check_named_command(names, positions, self.joint_names)
+        except CommandError as error:
+            self.refuse(error)
+            raise
+        if command.keys().isdisjoint(self.servo_joints):
+            return
+        with self._lock:
+            now = self._clock()
+            told = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
+            self.motion.command([told[name] for name in self.servo_joints], now)
 
     def refuse(self, error: CommandError) -> None:
         """Count a command that was refused."""

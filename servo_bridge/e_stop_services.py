@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 
@@ -69,14 +70,18 @@ class EStopServices:
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()
         self._e_stop.wait_heeded(HEED_S)
-        self._changed()
+        self._tell()
         response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
         self._logger.warning(response.message)
         return response
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.clear()
-        self._changed()
+        self._tell()
         response.success, response.message = True, "e-stop cleared: the next command moves the servos"
         self._logger.info(response.message)
         return response
+
+    def _tell(self) -> None:
+        with contextlib.suppress(Exception):  # the services must live on, whatever telling it runs into
+            self._changed()

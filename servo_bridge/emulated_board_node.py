@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.board_node import BoardNode, requested_link
+from servo_bridge.board_node import BoardNode, BoardSettings, add_link
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.process import run_node
+from servo_bridge.parameters import robot_namespace
+from softsim_node.help import Program
+from softsim_node.parameters import parameter
+from softsim_node.process import run_node
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatedBoardSettings(BoardSettings):
+    """Values of the parameters."""
+
+    firmware: str = parameter("", "Firmware to run (Intel hex); empty: this package's own", fixed=True)
+
+
+PROGRAM = Program(
+    name="emulated_board",
+    about="The servo board's real firmware in an emulated processor, on a pseudo-terminal.",
+    settings=(EmulatedBoardSettings(),),
+    configure=add_link,
+)
 
 PUBLISH_PERIOD_S = 0.1
 
@@ -33,6 +53,7 @@ class EmulatedBoardNode(BoardNode):
     """
 
     board: EmulatedBoardPty
+    defaults = EmulatedBoardSettings()
 
     def __init__(
         self,
@@ -43,9 +64,7 @@ class EmulatedBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        described = "Firmware to run (Intel hex); empty: this package's own."
-        self.declare_parameter("firmware", "", ParameterDescriptor(description=described, read_only=True))
-        self.board = EmulatedBoardPty(str(self.get_parameter("firmware").value) or None, link=self.link_path)
+        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path)
         self._failed = False
         self._widths: Publisher = self.create_publisher(
             Float64MultiArray, "emulated_board/pulse_widths", QoSProfile(depth=1)
@@ -69,15 +88,18 @@ class EmulatedBoardNode(BoardNode):
             self._widths.publish(Float64MultiArray(data=list(self.board.widths_us() or ())))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run an emulated board until Ctrl-C or SIGTERM.
+def main(args: Sequence[str] | None = None) -> int:
+    """Run an emulated board until a signal ends it, in the namespace of its robot (parameter `robot`).
 
     Returns:
-        Exit code: 0 after a normal end, 2 where the emulator, the firmware or the link is missing.
+        Exit code: 0 after a normal end, 1 where the emulator, the firmware or the link is missing, 2 for a
+        wrong command line.
     """
-    about = "The servo board's real firmware in an emulated processor, on a pseudo-terminal."
-    link = requested_link("emulated_board", about, args)
-    return run_node(lambda: EmulatedBoardNode(link=link, show=True), args)
+
+    def build(options: argparse.Namespace) -> EmulatedBoardNode:
+        return EmulatedBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
 
 
 if __name__ == "__main__":

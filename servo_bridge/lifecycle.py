@@ -8,11 +8,13 @@ from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode
 
+from servo_bridge.wording import shortened
 from softsim_core.errors import listing
+from softsim_node.guarded_node import GuardedNode
 
 
-class GuardedLifecycleNode(LifecycleNode):
-    """rclpy's LifecycleNode, safe against transitions that the present state does not have.
+class GuardedLifecycleNode(GuardedNode, LifecycleNode):
+    """rclpy's LifecycleNode behind doors, and safe against transitions that the present state does not have.
 
     rclpy raises from the service's callback then, which ends the process: any `ros2 lifecycle set` typed in
     the wrong state would stop a robot.
@@ -41,7 +43,7 @@ class GuardedLifecycleNode(LifecycleNode):
         if (label in offered.values()) if label else (request.transition.id in offered):
             return self._change_state(request, response)
         self.get_logger().error(
-            f"transition {label or request.transition.id} refused in state {self.lifecycle_state};"
+            f"transition {shortened(label) or request.transition.id} refused in state {self.lifecycle_state};"
             f" possible are: {listing(sorted(set(offered.values())))}"
         )
         response.success = False

@@ -2,227 +2,140 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
-
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from typing import Literal, get_args
 
 from servo_bridge.driver import FASTEST_HZ, SLOWEST_HZ
 from servo_bridge.named_files import load_robot
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.safety import MotionSettings
-from servo_bridge.wording import shortened
-from softsim_core.errors import ConfigError, SoftSimError, listing
+from softsim_core.errors import SoftSimError, listing
+from softsim_node.parameters import ParameterError, declare, parameter, parameter_probe
 
-Source = Literal["joint_states", "commands"]
+Source = Literal["joint_states", "commands", "joint_commands"]
 Autostart = Literal["none", "configure", "activate"]
 
-FIXED_WHILE_CONFIGURED = (
-    "robot",
-    "port",
-    "source",
-    "rate",
-    "open_wait_s",
-    "protocol",
-    "baud_rate",
-    "calibration",
+FIXED_WHILE_CONFIGURED = frozenset(
+    ("robot", "port", "source", "rate", "open_wait_s", "protocol", "baud_rate", "calibration")
 )
 """Parameters that take effect at the next configure and are refused while the node is configured."""
+
+_TIMES = MotionSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeSettings:
-    """Values of the bridge's parameters; see `declare` for their meaning and units."""
+    """Values of the parameters."""
 
-    robot: str
-    port: str
-    source: Source
-    protocol: str
-    baud_rate: int
-    calibration: str
-    relax_at_end: bool
-    imu_frame: str
-    autostart: Autostart
-    rate: float
-    open_wait_s: float
-    avoid_byte_100: bool
-    settle_timeout: float
-    motion: MotionSettings
+    robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file")
+    port: str = parameter(
+        "", "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in"
+    )
+    source: Source = parameter(
+        "joint_states",
+        "What the servos follow: joint_states (the simulator's), commands (position_controller/commands) or"
+        " joint_commands (by name, as ros2_control sends them)",
+        choices=get_args(Source),
+    )
+    autostart: Autostart = parameter(
+        "none",
+        "How far to go unasked: none, configure (open the port) or activate (send); tried until it works",
+        choices=get_args(Autostart),
+        fixed=True,
+    )
+    protocol: str = parameter(
+        AUTO,
+        f"What the board speaks: {AUTO} (as the robot's file says, else found out), or its name:"
+        f" {listing(names())}, or one that the robot's Python file registers",
+    )
+    baud_rate: int = parameter(
+        0,
+        "Bits per second; 0: the protocol's own, else the board's from the robot's file",
+        unit="bit/s",
+        within=(0, 2_000_000),
+    )
+    calibration: str = parameter(
+        "auto",
+        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
+        " configuration, where it exists; empty: none",
+    )
+    imu_frame: str = parameter("", "Frame of the topic imu; empty: <frame_prefix>effector")
+    frame_prefix: str = parameter("", "Stands before the robot's frames; from its namespace", fixed=True)
+    rate: float = parameter(
+        0.0,
+        f"Packets per second: {SLOWEST_HZ:g} to {FASTEST_HZ:g}; 0: the robot's file says",
+        unit="Hz",
+        within=(0.0, FASTEST_HZ),
+    )
+    open_wait_s: float = parameter(
+        2.5, "Quiet time after opening: most boards reset when opened", unit="s", within=(0.0, 60.0)
+    )
+    hold_timeout: float = parameter(
+        _TIMES.hold_timeout_s, "Hold still without a command for this long", unit="s", within=(0.02, 3600.0)
+    )
+    rest_timeout: float = parameter(
+        _TIMES.rest_timeout_s,
+        "Go slowly to rest without a command for this long",
+        unit="s",
+        within=(0.02, 3600.0),
+    )
+    rest_speed: float = parameter(
+        _TIMES.rest_speed, "Speed of the slow way to rest", unit="rad/s", within=(0.01, 10.0)
+    )
+    settle_timeout: float = parameter(
+        4.0, "Longest ramp to the safe pose on the way out", unit="s", within=(0.1, 60.0)
+    )
+    avoid_byte_100: bool = parameter(
+        True,
+        "Send no byte 100 where the protocol can help it: coming first after a reset amid a packet, 100"
+        " makes the boot loader erase the firmware",
+    )
+    relax_at_end: bool = parameter(
+        True,
+        "Switch the pulses off when the port is closed with the servos at rest, where the board can",
+    )
+
+    @property
+    def motion(self) -> MotionSettings:
+        """Timing of hold and rest."""
+        return MotionSettings(
+            hold_timeout_s=self.hold_timeout, rest_timeout_s=self.rest_timeout, rest_speed=self.rest_speed
+        )
 
 
-def robot_namespace() -> str:
-    """Namespace for the robot of the command line; empty where it is unknown (configure says why)."""
-    node = Node("servo_bridge", start_parameter_services=False, enable_rosout=False)
-    try:
-        declare(node)
-        name = str(node.get_parameter("robot").value)
-    finally:
-        node.destroy_node()
+def robot_namespace(node_name: str) -> str:
+    """Namespace for the robot of a node's command line; empty where it is unknown (configure says why).
+
+    Raises:
+        ParameterError: a value given at the start is not allowed.
+    """
+    with parameter_probe(node_name) as probe:
+        name = declare(probe, BridgeSettings()).robot
     try:
         return load_robot(name).name
     except SoftSimError:
         return ""
 
 
-def declare(node: Node) -> None:
-    """Declare every parameter with its description and range."""
-    times = MotionSettings()
+def check(
+    settings: BridgeSettings, changed: frozenset[str] = frozenset(), *, configured: bool = False
+) -> None:
+    """Raise where values cannot be used, for a reason that their ranges cannot say.
 
-    def text(
-        name: str, default: str, description: str, *, allowed: str = "", read_only: bool = False
-    ) -> None:
-        node.declare_parameter(
-            name,
-            default,
-            ParameterDescriptor(description=description, additional_constraints=allowed, read_only=read_only),
-        )
-
-    def number(name: str, default: float, low: float, high: float, description: str) -> None:
-        limits = FloatingPointRange(from_value=low, to_value=high, step=0.0)
-        node.declare_parameter(
-            name, default, ParameterDescriptor(description=description, floating_point_range=[limits])
-        )
-
-    text("robot", "tripod", "Robot: a name from configs/robots, or the path of its file.")
-    text("port", "", "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in.")
-    text(
-        "source",
-        "joint_states",
-        "What the servos follow: joint_states (the simulator's) or commands (position_controller/commands).",
-        allowed=listing(get_args(Source)),
-    )
-    text(
-        "autostart",
-        "none",
-        "How far to go unasked: none, configure (open the port) or activate (send); tried until it works.",
-        allowed=listing(get_args(Autostart)),
-        read_only=True,
-    )
-    text(
-        "protocol",
-        AUTO,
-        f"What the board speaks: {AUTO} (as the robot's file says, else found out), or its name.",
-        allowed=f"{listing((AUTO, *names()))}, or one that the robot's Python file registers",
-    )
-    node.declare_parameter(
-        "baud_rate",
-        0,
-        ParameterDescriptor(
-            description="Bits a second; 0: the protocol's own, else the board's from the robot's file.",
-            integer_range=[IntegerRange(from_value=0, to_value=2_000_000, step=1)],
-        ),
-    )
-    text(
-        "calibration",
-        "auto",
-        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
-        " configuration, where it exists; empty: none.",
-    )
-    text("imu_frame", "", "Frame of the topic imu; empty: <robot>_effector.")
-    number(
-        "rate",
-        0.0,
-        0.0,
-        FASTEST_HZ,
-        f"Packets a second in [Hz]: {SLOWEST_HZ:g} to {FASTEST_HZ:g}; 0: the robot's file says.",
-    )
-    number("open_wait_s", 2.5, 0.0, 60.0, "Quiet time in [s] after opening: most boards reset when opened.")
-    number(
-        "hold_timeout",
-        times.hold_timeout_s,
-        0.02,
-        3600.0,
-        "Hold still without a command for this long, in [s].",
-    )
-    number(
-        "rest_timeout",
-        times.rest_timeout_s,
-        0.02,
-        3600.0,
-        "Go slowly to rest without one for this long, in [s].",
-    )
-    number("rest_speed", times.rest_speed, 0.01, 10.0, "Speed of the slow way to rest in [rad/s].")
-    number("settle_timeout", 4.0, 0.1, 60.0, "Longest ramp to the safe pose on the way out, in [s].")
-    node.declare_parameter(
-        "avoid_byte_100",
-        True,
-        ParameterDescriptor(
-            description="Send no byte 100 where the protocol can help it: coming first after a reset amid a"
-            " packet, 100 makes the boot loader erase the firmware."
-        ),
-    )
-    node.declare_parameter(
-        "relax_at_end",
-        True,
-        ParameterDescriptor(
-            description="Switch the pulses off when the port is closed with the servos at rest, where the"
-            " board can."
-        ),
-    )
-
-
-def read(node: Node) -> BridgeSettings:
-    """The present values.
+    Args:
+        settings: The values as they would be.
+        changed: Names of those that are set.
+        configured: Whether the bridge is configured.
 
     Raises:
-        ConfigError: a text parameter is none of the allowed words, or a number cannot be used.
+        ParameterError: they cannot be.
     """
-
-    def word(name: str, allowed: tuple[str, ...]) -> str:
-        value = str(node.get_parameter(name).value)
-        if value not in allowed:
-            raise ConfigError(
-                "servo_bridge", f"parameter {name}", f"{shortened(value)!r} is none of: {listing(allowed)}"
-            )
-        return value
-
-    def number(name: str) -> float:
-        value = float(node.get_parameter(name).value)
-        if problem := _number_problem(name, value):
-            raise ConfigError("servo_bridge", f"parameter {name}", problem)
-        return value
-
-    return BridgeSettings(
-        robot=str(node.get_parameter("robot").value),
-        port=str(node.get_parameter("port").value),
-        source=cast(Source, word("source", get_args(Source))),
-        protocol=str(node.get_parameter("protocol").value),
-        baud_rate=int(node.get_parameter("baud_rate").value),
-        calibration=str(node.get_parameter("calibration").value),
-        relax_at_end=bool(node.get_parameter("relax_at_end").value),
-        imu_frame=str(node.get_parameter("imu_frame").value),
-        autostart=cast(Autostart, word("autostart", get_args(Autostart))),
-        rate=number("rate"),
-        open_wait_s=number("open_wait_s"),
-        avoid_byte_100=bool(node.get_parameter("avoid_byte_100").value),
-        settle_timeout=number("settle_timeout"),
-        motion=MotionSettings(
-            hold_timeout_s=number("hold_timeout"),
-            rest_timeout_s=number("rest_timeout"),
-            rest_speed=number("rest_speed"),
-        ),
-    )
-
-
-def refusal(changes: list[Parameter], configured: bool) -> str:
-    """Why a change of parameters is refused, in one sentence; empty when it is allowed."""
-    for change in changes:
-        if configured and change.name in FIXED_WHILE_CONFIGURED:
-            return f"{change.name} is fixed while the bridge is configured; call its lifecycle cleanup first"
-        if change.name == "source" and change.value not in get_args(Source):
-            return f"source {shortened(str(change.value))} is none of: {listing(get_args(Source))}"
-        if isinstance(change.value, float) and (problem := _number_problem(change.name, change.value)):
-            return f"{change.name} {problem}"
-    return ""
-
-
-def _number_problem(name: str, value: float) -> str:
-    """Why a number cannot be used, in words that follow its name, where its range cannot say it."""
-    if math.isnan(value):
-        return "nan is refused; give a number"
-    if name == "rate" and 0.0 < value < SLOWEST_HZ:
-        return f"{value:g} is refused; give 0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
-    return ""
+    fixed = sorted(changed & FIXED_WHILE_CONFIGURED)
+    if configured and fixed:
+        raise ParameterError(
+            f"{listing(fixed)} is fixed while the bridge is configured; call its lifecycle cleanup first"
+        )
+    if 0.0 < settings.rate < SLOWEST_HZ:
+        raise ParameterError(
+            f"parameter rate = {settings.rate:g} is refused; give 0.0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+        )

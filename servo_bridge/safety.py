@@ -125,6 +125,12 @@ class ServoMotion:
         """Whether no servo moved with the last step."""
         return not any(self.velocities)
 
+    def goal(self, now: float) -> tuple[float, ...]:
+        """Where the servos are told to go, in [rad]; without a fresh command, where they are."""
+        if self._target is None or now - self._since > self.settings.hold_timeout_s:
+            return self.positions
+        return self._target
+
     def command_age(self, now: float) -> float | None:
         """Time in [s] since the newest accepted command; None before the first."""
         return None if self._command_time is None else now - self._command_time

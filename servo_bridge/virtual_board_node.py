@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray
 
-from servo_bridge.board_node import BoardNode, requested_link
-from servo_bridge.process import run_node
+from servo_bridge.board_node import BoardNode, BoardSettings, add_link
+from servo_bridge.parameters import robot_namespace
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import listing
+from softsim_node.help import Program
+from softsim_node.parameters import parameter
+from softsim_node.process import run_node
+
+
+@dataclass(frozen=True, kw_only=True)
+class VirtualBoardSettings(BoardSettings):
+    """Values of the parameters."""
+
+    servos: int = parameter(3, "Servo bytes in a packet", within=(1, 16), fixed=True)
+    protocol: str = parameter(
+        AUTO,
+        f"Protocol that it speaks: {AUTO} (one that does not say what it is), {listing(names())}",
+        fixed=True,
+    )
+
+
+PROGRAM = Program(
+    name="virtual_board",
+    about="A serial servo board on a pseudo-terminal, for tests and demos.",
+    settings=(VirtualBoardSettings(),),
+    configure=add_link,
+)
 
 PUBLISH_PERIOD_S = 0.02
 
@@ -34,6 +59,7 @@ class VirtualBoardNode(BoardNode):
     """
 
     board: VirtualBoard
+    defaults = VirtualBoardSettings()
 
     def __init__(
         self,
@@ -44,29 +70,7 @@ class VirtualBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        self.declare_parameter(
-            "servos",
-            3,
-            ParameterDescriptor(
-                description="Servo bytes in a packet.",
-                read_only=True,
-                integer_range=[IntegerRange(from_value=1, to_value=16, step=1)],
-            ),
-        )
-        self.declare_parameter(
-            "protocol",
-            AUTO,
-            ParameterDescriptor(
-                description=f"Protocol that it speaks; {AUTO}: one that does not say what it is.",
-                additional_constraints=listing((AUTO, *names())),
-                read_only=True,
-            ),
-        )
-        self.board = VirtualBoard(
-            int(self.get_parameter("servos").value),
-            self.link_path,
-            protocol=str(self.get_parameter("protocol").value),
-        )
+        self.board = VirtualBoard(self.settings.servos, self.link_path, protocol=self.settings.protocol)
         self._seen = 0
         self._bytes: Publisher = self.create_publisher(
             UInt8MultiArray, "virtual_board/servo_bytes", QoSProfile(depth=10)
@@ -88,15 +92,18 @@ class VirtualBoardNode(BoardNode):
             self._bytes.publish(UInt8MultiArray(data=bytes(servo_bytes)))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run a virtual board until Ctrl-C or SIGTERM.
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a virtual board until a signal ends it, in the namespace of its robot (parameter `robot`).
 
     Returns:
-        Exit code: 0 after a normal end, 2 where the link or a board of the protocol cannot be made.
+        Exit code: 0 after a normal end, 1 where the link or a board of the protocol cannot be made, 2 for a
+        wrong command line.
     """
-    about = "A serial servo board on a pseudo-terminal, for tests and demos."
-    link = requested_link("virtual_board", about, args)
-    return run_node(lambda: VirtualBoardNode(link=link, show=True), args)
+
+    def build(options: argparse.Namespace) -> VirtualBoardNode:
+        return VirtualBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
 
 
 if __name__ == "__main__":

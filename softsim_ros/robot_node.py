@@ -5,18 +5,39 @@ from __future__ import annotations
 import os
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core import RobotDescription, load_scene
+from softsim_node.frames import prefix_of
+from softsim_node.parameters import declare, parameter, parameter_probe
+from softsim_ros.frames import RobotFrames
 from softsim_ros.messages import diagnostic_array
-from softsim_ros.runtime import ClosableNode, declare_text, parameter_probe
+from softsim_ros.runtime import ClosableNode
 
-DEFAULT_ROBOT = "tripod"
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSettings:
+    """What the parameters of every node for one robot begin with."""
+
+    robot: str = parameter(
+        "tripod",
+        "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file",
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True)
+class FrameSettings:
+    """The parameter of every node that names frames of one robot."""
+
+    frame_prefix: str = parameter(
+        "", "Stands before the robot's frames in headers and on /tf; from its namespace", fixed=True
+    )
 
 
 class RobotNode(ClosableNode):
@@ -30,8 +51,10 @@ class RobotNode(ClosableNode):
 
     Attributes:
         node_name: Name of the node.
-        changes_robot: Whether the parameter `robot` may be set while the node runs.
         robot: Name of the robot.
+        robot_parameter: Value of the parameter `robot`, which a subclass declares.
+        given: Options of rclpy's Node with the values that were given at the start.
+        frames: Names of the robot's frames in headers.
         named: The file of the robot that the node was started with, by its names; empty: it has none.
 
     Raises:
@@ -39,7 +62,6 @@ class RobotNode(ClosableNode):
     """
 
     node_name: ClassVar[str]
-    changes_robot: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -52,11 +74,13 @@ class RobotNode(ClosableNode):
         overrides = list(parameter_overrides)
         if robot is None:
             with parameter_probe(self.node_name, context=context, parameter_overrides=overrides) as probe:
-                robot = self._declare_robot(probe)
+                robot = declare(probe, RobotSettings()).robot
         scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
         self.robot = scene.name
-        text = scene.name if isinstance(robot, RobotDescription) else str(robot)
-        self.named = {} if scene.source is None else {text: scene.source, scene.name: scene.source}
+        self.robot_parameter = scene.name if isinstance(robot, RobotDescription) else str(robot)
+        self.given: dict[str, Any] = {"parameter_overrides": overrides}
+        names = (self.robot_parameter, scene.name)
+        self.named = {} if scene.source is None else dict.fromkeys(names, scene.source)
         super().__init__(
             self.node_name,
             context=context,
@@ -64,7 +88,9 @@ class RobotNode(ClosableNode):
             parameter_overrides=overrides,
         )
         try:
-            self._declare_robot(self, text)
+            self.frames = RobotFrames(
+                declare(self, FrameSettings(prefix_of(self.get_namespace()))).frame_prefix
+            )
             self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
             self._begin(scene)
         except BaseException:
@@ -74,15 +100,6 @@ class RobotNode(ClosableNode):
     @abstractmethod
     def _begin(self, robot: RobotDescription) -> None:
         """Declare parameters, make topics and services, start; an error here closes the node."""
-
-    def _declare_robot(self, node: Node, default: str = DEFAULT_ROBOT) -> str:
-        return declare_text(
-            node,
-            "robot",
-            default,
-            "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file",
-            read_only=not self.changes_robot,
-        )
 
     def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
         """Tell /diagnostics how the node is."""

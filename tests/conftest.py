@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -15,7 +16,9 @@ sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_sessio
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
 
-PROCESSES = ("ros", "bridge", "viewer", "recording", "firmware", "tutorials")
+from softsim_node.ending import END_SIGNALS, Ending, ending  # noqa: E402
+
+PROCESSES = ("attacks", "ros", "bridge", "viewer", "recording", "firmware", "tutorials")
 """Folders of tests that run several processes against the wall clock."""
 
 
@@ -25,6 +28,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.path.relative_to(REPOSITORY / "tests").parts[0] in PROCESSES:
                 item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A program that runs inside a test leaves neither its handlers of signals nor a request to end."""
+    before = {number: signal.getsignal(number) for number in END_SIGNALS}
+    yield
+    vars(ending).update(vars(Ending()))
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -61,6 +61,11 @@ def private_ros(folder: Path) -> Iterator[int]:
     pytest.fail("no free ROS domain")
 
 
+def hears_hang_up() -> None:
+    """In a child: a hang-up counts, also where the tests themselves were started to outlive one."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 class NodeProcess:
     """A node in a process and session of its own; what it writes goes to a file."""
 
@@ -78,6 +83,7 @@ class NodeProcess:
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
+                preexec_fn=hears_hang_up,
                 pass_fds=list(domain_guards),
             )
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from node_processes import domain_guards
+from node_processes import domain_guards, hears_hang_up
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DEADLINE_S = 90.0  # the first start of a robot on a machine compiles kernels
@@ -67,6 +67,7 @@ class TerminalSession:
         self._reader.start()
 
     def _control_terminal(self) -> None:
+        hears_hang_up()
         fcntl.ioctl(self._slave, termios.TIOCSCTTY, 0)
 
     def _read(self) -> None:

@@ -1,4 +1,4 @@
-"""Joint trajectories: named joints, way points in time, linear interpolation in between."""
+"""Joint trajectories: named joints, way points in time; straight lines, cubics or quintics in between."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ class JointTrajectory:
         joints: Names of the k joints it moves, each once.
         times: Seconds after the start, shape (p,), p >= 1, finite, >= 0 and strictly increasing.
         positions: Positions in [rad] or [m], shape (p, k), finite.
+        velocities: At the way points in [rad/s] or [m/s], same shape; the last ones are 0. None: straight
+            lines in between.
+        accelerations: At the way points in [rad/s^2] or [m/s^2], same shape, only with velocities. None: the
+            cubics that velocities make; with them quintics.
 
     Raises:
         CommandError: anything else; the trajectory is refused as a whole.
@@ -28,12 +32,24 @@ class JointTrajectory:
     joints: tuple[str, ...]
     times: Array
     positions: Array
+    velocities: Array | None
+    accelerations: Array | None
 
-    def __init__(self, joints: Sequence[str], times: ArrayLike, positions: ArrayLike) -> None:
+    def __init__(
+        self,
+        joints: Sequence[str],
+        times: ArrayLike,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+    ) -> None:
         object.__setattr__(self, "joints", tuple(joints))
         object.__setattr__(self, "times", _floats("times", times))
         object.__setattr__(self, "positions", _floats("positions", positions))
+        for name, values in (("velocities", velocities), ("accelerations", accelerations)):
+            object.__setattr__(self, name, None if values is None else _floats(name, values))
         self._check()
+        self._check_slopes()
 
     def _check(self) -> None:
         joints, times, positions = self.joints, self.times, self.positions
@@ -57,6 +73,15 @@ class JointTrajectory:
                 f"position {value} of joint {joints[joint]} at way point {point} is not a finite number"
             )
 
+    def _check_slopes(self) -> None:
+        for name, values in (("velocities", self.velocities), ("accelerations", self.accelerations)):
+            if values is not None and (values.shape != self.positions.shape or not np.isfinite(values).all()):
+                raise _refused(f"its {name} are not one finite number for each position")
+        if self.accelerations is not None and self.velocities is None:
+            raise _refused("accelerations need velocities; give both, or positions alone")
+        if self.velocities is not None and self.velocities[-1].any():
+            raise _refused("the velocities of its last way point must be 0: there it stops")
+
     @property
     def duration(self) -> float:
         """Time of the last way point in [s]."""
@@ -75,7 +100,7 @@ class JointTrajectory:
     def sample(
         self, time: float, start_positions: ArrayLike, joint_names: Sequence[str] | None = None
     ) -> Array:
-        """The command at `time`: linear from the start positions at 0 through the way points, then held.
+        """The command at `time`: from the start positions, at rest, at 0 through the way points, then held.
 
         Args:
             time: Seconds after the start; negative counts as 0.
@@ -96,17 +121,71 @@ class JointTrajectory:
             raise _refused(
                 f"{command.size} start positions do not fit {len(names)} joints ({listing(names)})"
             )
-        for column, name in enumerate(self.joints):
-            index = names.index(name)
-            times, values = self.times, self.positions[:, column]
-            if times[0] > 0.0:
-                times, values = np.append(0.0, times), np.append(command[index], values)
-            command[index] = np.interp(time, times, values)
+        moved = [names.index(name) for name in self.joints]
+        command[moved] = self._between(time, command[moved])
         return command
+
+    def _between(self, time: float, start: Array) -> Array:
+        """Positions (k,) at `time` on the way from `start` (k,)."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if after == len(self.times):
+            return np.asarray(self.positions[-1])
+        if after == 0 and self.times[0] == 0.0:
+            return np.asarray(self.positions[0])
+        still = np.zeros(len(start))
+        begin = float(self.times[after - 1]) if after else 0.0
+        first = self._slopes(after - 1) if after else (start, still, still)
+        length = float(self.times[after]) - begin
+        share = max(time - begin, 0.0) / length
+        if self.velocities is None:
+            return np.asarray(first[0] + share * (self.positions[after] - first[0]))
+        return _curve(share, length, first, self._slopes(after), quintic=self.accelerations is not None)
+
+    def _slopes(self, point: int) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of a way point; zeros where it says none."""
+        still = np.zeros(self.positions.shape[1])
+        return (
+            self.positions[point],
+            still if self.velocities is None else self.velocities[point],
+            still if self.accelerations is None else self.accelerations[point],
+        )
 
     def is_over(self, time: float) -> bool:
         """Whether the last way point is reached at `time` in [s] (a nanosecond of rounding is forgiven)."""
         return time >= self.duration - 1e-9
+
+
+def _curve(
+    share: float,
+    length: float,
+    first: tuple[Array, Array, Array],
+    last: tuple[Array, Array, Array],
+    *,
+    quintic: bool,
+) -> Array:
+    """The polynomial of third or fifth degree between two way points (Hermite).
+
+    Args:
+        share: Where, 0 to 1.
+        length: Time between the way points in [s].
+        first: Positions, velocities and, for a quintic, accelerations at the first one, shapes (k,).
+        last: The same at the last one.
+        quintic: Whether accelerations count.
+    """
+    (p0, v0, a0), (p1, v1, a1) = first, last
+    c = [p0, length * v0, 0.5 * length**2 * a0 if quintic else 0.0 * p0]
+    way, speed = p1 - p0 - c[1] - c[2], length * v1 - c[1] - 2.0 * c[2]
+    if quintic:
+        bend = length**2 * a1 - 2.0 * c[2]
+        c += [
+            10.0 * way - 4.0 * speed + 0.5 * bend,
+            -15.0 * way + 7.0 * speed - bend,
+            6.0 * way - 3.0 * speed + 0.5 * bend,
+        ]
+    else:
+        c[2] = 3.0 * way - speed
+        c.append(speed - 2.0 * way)
+    return np.asarray(sum(coefficient * share**power for power, coefficient in enumerate(c)))
 
 
 def _floats(what: str, values: ArrayLike) -> Array:

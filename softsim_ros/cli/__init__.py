@@ -1,5 +1,18 @@
 """The `softsim` command line: one small file a subcommand, imported only when it is asked for."""
 
-from softsim_ros.cli.app import main
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from softsim_node.ending import ending
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the `softsim` command, see `softsim_ros.cli.app`; from here on signals are looked after."""
+    ending.watch()
+    from softsim_ros.cli import app
+
+    return app.main(words)
+
 
 __all__ = ["main"]

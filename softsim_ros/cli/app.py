@@ -8,8 +8,9 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from softsim_ros.environment import MixedRosError, prepare_environment
-from softsim_ros.interrupts import put_off_in_callbacks
+from softsim_core.errors import SoftSimError
+from softsim_node.ending import ending
+from softsim_node.environment import prepare_environment
 
 
 class Command(NamedTuple):
@@ -39,6 +40,7 @@ COMMANDS = {
     "export": Command("softsim_ros.cli.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
     "report": Command("softsim_ros.cli.report", "one web page about a bag: charts and the moving picture"),
     "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
+    "urdf": Command("softsim_ros.cli.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"
     ),
@@ -100,12 +102,11 @@ def main(words: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 done, 1 an error that was said in one sentence, 2 wrong usage, 130 interrupted.
     """
-    from softsim_core.errors import SoftSimError
-
-    put_off_in_callbacks()
+    ending.watch()
     try:
-        return _dispatch(sys.argv[1:] if words is None else words)
-    except (SoftSimError, MixedRosError) as error:
+        with ending.interruptible():
+            return _dispatch(sys.argv[1:] if words is None else words)
+    except SoftSimError as error:
         print(f"softsim: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -114,3 +115,5 @@ def main(words: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `softsim topics | head`
         sys.stderr.close()
         return 0
+    finally:
+        ending.over()

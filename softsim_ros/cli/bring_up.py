@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import sys
 from collections.abc import Sequence
 
@@ -14,11 +13,13 @@ from rclpy.parameter import Parameter
 from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
 from softsim_core.scene import RobotDescription
+from softsim_node import discovery
+from softsim_node.process import ros_process
 from softsim_ros.cli.boards import BoardChoice, BoardKind, local_board, quiet_s
 from softsim_ros.cli.status_line import show_status
 from softsim_ros.cli.web_page import WebPage
 from softsim_ros.inverse.inverse_node import InverseControl
-from softsim_ros.runtime import SpinThread, ros_process
+from softsim_ros.runtime import SpinThread
 from softsim_ros.simulator.simulator_node import Simulator
 from softsim_ros.teleop.teleop_node import Teleop, drive
 from softsim_ros.teleop.terminal import NoTerminalError
@@ -126,16 +127,14 @@ def run_bring_up(
         SoftSimError: a node could not be made.
     """
     print(f"starting {robot.name}: Ctrl-C ends it in the safe pose", flush=True)
+    print(discovery.sentence(os.environ), flush=True)
     options = {"inverse": inverse, "watch": watch}
     with ros_process(), BringUp(robot, namespace, board, **options, allow_code=allow_code) as nodes:
-        try:
-            notice = "" if page is None else page.notice()
-            if notice:
-                print(notice, flush=True)
-            if not (interactive and _drive(robot, namespace, notice)):
-                show_status(nodes.simulator, nodes.bridge, nodes.board)
-        finally:
-            _ignore_signals()
+        notice = "" if page is None else page.notice()
+        if notice:
+            print(notice, flush=True)
+        if not (interactive and _drive(robot, namespace, notice)):
+            show_status(nodes.simulator, nodes.bridge, nodes.board)
     print(f"{robot.name}: ended", flush=True)
     return 0
 
@@ -153,9 +152,3 @@ def _drive(robot: RobotDescription, namespace: str, notice: str) -> bool:
     finally:
         teleop.close()
     return True
-
-
-def _ignore_signals() -> None:
-    """From here on a second Ctrl-C must not cut the way to the safe pose short."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)

@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from softsim_ros.cli.grasp import Grasp
+    from softsim_ros.cli.grasp import Grasp, GraspResult
     from softsim_ros.client.session import RobotSession
 
 PATIENCE_S = 60.0
@@ -35,14 +35,14 @@ def run(arguments: argparse.Namespace) -> int:
         print("softsim demo: --speed must be between 0 and 1000", file=sys.stderr)
         return 2
     try:
-        import rclpy
+        import rclpy  # noqa: F401
     except ImportError as error:
         print(f"softsim demo: ROS 2 is not installed here ({error}); see softsim doctor", file=sys.stderr)
         return 1
     from rclpy.parameter import Parameter
-    from rclpy.utilities import try_shutdown
 
     from softsim_core.scene import load_scene
+    from softsim_node.process import ros_process
     from softsim_ros.cli.grasp import ALLOWED_SLIP, NEEDED_LIFT, Grasp
     from softsim_ros.cli.one_at_a_time import only_one
     from softsim_ros.client.robot_client import RobotClient
@@ -52,9 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = load_scene(arguments.robot)
     parameters = [Parameter("publish_clock", value=True), Parameter("speed", value=arguments.speed)]
-    with only_one(scene.name), contextlib.ExitStack() as stack:
-        rclpy.init(args=[])
-        stack.callback(try_shutdown)
+    result: GraspResult | None = None
+    with only_one(scene.name), ros_process(), contextlib.ExitStack() as stack:
         simulator = Simulator(scene, parameter_overrides=parameters)
         stack.callback(simulator.close)
         node = ClosableNode("grasp", namespace=simulator.get_namespace())
@@ -62,10 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
         client = RobotClient(node, scene)
         grasp = Grasp(node, client)
         stack.enter_context(SpinThread([simulator]))
-        if not _play(grasp, RobotSession(client, stack.enter_context(SpinThread([node])))):
-            print("softsim demo: the simulator has stopped; see its messages above", file=sys.stderr)
-            return 1
-        result = grasp.result()
+        robot = RobotSession(client, stack.enter_context(SpinThread([node])))
+        if _play(grasp, robot):
+            result = grasp.result()
+    if result is None:
+        return _unfinished()
     print(f"lifted {1e3 * result.lift:.1f} mm clear of the floor (at least {1e3 * NEEDED_LIFT:.0f})")
     print(
         f"held {result.held:.1f} s, slipped {1e3 * result.slip:.3f} mm (at most {1e3 * ALLOWED_SLIP:.0f}), "
@@ -76,8 +76,20 @@ def run(arguments: argparse.Namespace) -> int:
     return int(arguments.check and not result.passed)
 
 
+def _unfinished() -> int:
+    """Say why the plan was not played to its end; returns the exit code."""
+    from softsim_node.ending import ending
+
+    if ending.asked:
+        print("softsim demo: ended before the plan was done", file=sys.stderr)
+        return 0
+    print("softsim demo: the simulator has stopped; see its messages above", file=sys.stderr)
+    return 1
+
+
 def _play(grasp: Grasp, robot: RobotSession) -> bool:
-    """Send the plan and watch until it is done; False when the simulator went silent."""
+    """Send the plan and watch until it is done; False when the simulator went silent, or on Ctrl-C."""
+    from softsim_node.ending import ending
     from softsim_ros.cli.grasp import PLAN
 
     phase, heard, heard_at = "", 0, time.monotonic()
@@ -89,7 +101,7 @@ def _play(grasp: Grasp, robot: RobotSession) -> bool:
             print(f"{phase} ...", flush=True)
         if len(grasp.samples) > heard:
             heard, heard_at = len(grasp.samples), time.monotonic()
-        elif time.monotonic() - heard_at > PATIENCE_S or not robot.is_running:
+        elif time.monotonic() - heard_at > PATIENCE_S or ending.asked or not robot.is_running:
             return False
         time.sleep(LOOK_PERIOD_S)
     return True

@@ -15,11 +15,12 @@ COLOURS = {Level.OK: "32", Level.WARNING: "33", Level.PROBLEM: "31"}
 CHECKS = (
     house.python,
     house.packages,
+    house.optional_packages,
     house.numba,
     house.configs,
     ros.client,
     ros.mixture,
-    ros.discovery,
+    ros.reach,
     ros.log_folder,
     ros.shared_memory,
     ports.board,

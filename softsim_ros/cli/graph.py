@@ -13,8 +13,10 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.utilities import ok, try_shutdown
 
+from softsim_node import discovery
+from softsim_node.ending import ending
+from softsim_node.process import ros_process
 from softsim_ros.cli.message_text import message_text
 from softsim_ros.messages.types import load_message
 from softsim_ros.qos import hearing_all
@@ -34,19 +36,18 @@ OWN_NAME = "_softsim_topics"
 def where() -> str:
     """Which part of the ROS network this process sees, in words."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    return f"domain {domain}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
+    return f"domain {domain}, discovery range {discovery.wished_range(os.environ)}"
 
 
 @contextlib.contextmanager
 def observer() -> Iterator[Node]:
     """A node that only looks; Ctrl-C inside the `with` block ends it quietly."""
-    rclpy.init(args=[])
-    node = Node(OWN_NAME, enable_rosout=False, start_parameter_services=False)
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-        try_shutdown()
+    with ros_process():
+        node = Node(OWN_NAME, enable_rosout=False, start_parameter_services=False)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
 
 
 def topic_rows(node: Node, hidden: tuple[str, ...] = ()) -> list[tuple[str, str, int, int]]:
@@ -68,7 +69,7 @@ def topic_rows(node: Node, hidden: tuple[str, ...] = ()) -> list[tuple[str, str,
 
     rows, began = look(), time.monotonic()
     changed = began
-    while ok() and time.monotonic() - changed < (SETTLED_S if rows else DISCOVERY_S):
+    while not ending.asked and time.monotonic() - changed < (SETTLED_S if rows else DISCOVERY_S):
         _turn(node)
         newer = look()
         if newer != rows:
@@ -93,11 +94,11 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     topic = topic if topic.startswith("/") else f"/{topic}"
     deadline = time.monotonic() + wait_s
     infos = node.get_publishers_info_by_topic(topic)
-    while ok() and not infos and time.monotonic() < deadline:
+    while not (ending.asked or infos) and time.monotonic() < deadline:
         _turn(node)
         infos = node.get_publishers_info_by_topic(topic)
     if not infos:
-        if ok():
+        if not ending.asked:
             known = ", ".join(row[0] for row in topic_rows(node)) or "none"
             print(f"softsim topics: nobody publishes {topic} in {where()}; known: {known}", file=sys.stderr)
         return 1
@@ -110,7 +111,7 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     seen = _Echo(limit) if show else _Rate()
     raw = not show  # a rate needs no decoding
     node.create_subscription(message_class, topic, seen, hearing_all(infos, KEPT), raw=raw)
-    while ok() and (count is None or seen.lines < count):
+    while not ending.asked and (count is None or seen.lines < count):
         _turn(node)
         seen.report()
     return 0

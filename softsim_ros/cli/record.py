@@ -45,8 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
+    from softsim_node.ending import ending
+    from softsim_node.process import ros_process
+    from softsim_node.spinning import spin
     from softsim_ros.recording.recorder_node import Recorder
-    from softsim_ros.runtime import ros_process, spin
 
     values = {
         "robot": arguments.robot,
@@ -64,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             executor = SingleThreadedExecutor()
             executor.add_node(recorder)
-            spin(executor, lambda: recorder.recording)
+            spin(executor, lambda: recorder.recording and not ending.asked)
         finally:
             recorder.close()
     if recorder.failure is not None:

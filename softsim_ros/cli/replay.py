@@ -39,9 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
         return 1
     from rclpy.executors import SingleThreadedExecutor
 
+    from softsim_node.ending import ending
+    from softsim_node.process import ros_process
     from softsim_ros.recording.bag import Bag
     from softsim_ros.recording.replay_node import Replay
-    from softsim_ros.runtime import ros_process
 
     with Bag(arguments.bag) as bag, ros_process():
         replay = Replay(
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             replay.prepare(executor, reset=arguments.reset)
             print(f"playing {arguments.bag} ({bag.duration_s:.1f} s) in {replay.get_namespace()}", flush=True)
             replay.play(executor)
-            while arguments.loop and executor.context.ok():
+            while arguments.loop and not ending.asked:
                 replay.play(executor)
         finally:
             print(f"{replay.sent} messages sent", flush=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 
+from softsim_node.ending import ending
+from softsim_node.program import run_module
 from softsim_ros.cli.nodes import NODES
 
 
@@ -26,6 +27,5 @@ def run(arguments: argparse.Namespace) -> int:
         what = f"unknown node '{name}'" if name else "which node?"
         print(f"softsim run: {what}; known nodes: {', '.join(NODES)}", file=sys.stderr)
         return 2
-    module = importlib.import_module(NODES[name].module)
-    sys.argv = [name, *arguments.rest]  # as if started by ros2 run
-    return int(module.main() or 0)
+    with ending.orderly():
+        return run_module(NODES[name].module, arguments.rest)

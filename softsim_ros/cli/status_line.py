@@ -6,10 +6,9 @@ import sys
 import threading
 import time
 
-from rclpy.utilities import ok
-
 from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
+from softsim_node.ending import ending
 from softsim_ros.simulator.simulator_node import Simulator
 
 LOOK_S = 0.2
@@ -32,11 +31,11 @@ def status_text(simulator: Simulator, bridge: ServoBridge | None, board: BoardNo
 
 
 def show_status(simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None) -> None:
-    """Show the line until the context shuts down."""
+    """Show the line until the process shall end."""
     terminal = sys.stdout.isatty()
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
     shown, due, nap = "", 0.0, threading.Event()
-    while ok():
+    while not ending.asked:
         news, line = status_text(simulator, bridge, board)
         now = time.monotonic()
         if now >= due or (news != shown and not terminal):

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass
 from typing import IO, Final
+
+from softsim_node.ending import ending
 
 ANNOUNCED: Final = "viewer: "
 """How the viewer begins the line with its address."""
 
 START_WITHIN_S: Final = 15.0
 END_WITHIN_S: Final = 5.0
+LOOK_S: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,6 @@ class WebPage:
             "port": choice.port,
             "lite": str(choice.lite).lower(),
             "no_token": str(choice.no_token).lower(),
-            "parent": os.getpid(),
         }
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         module = "softsim_ros.viewer.viewer_node"
@@ -86,7 +88,10 @@ class WebPage:
 
     def notice(self) -> str:
         """One sentence with the address, or with the reason why there is no page; waits until it is known."""
-        if not self._settled.wait(START_WITHIN_S):
+        end = time.monotonic() + START_WITHIN_S
+        while not (self._settled.wait(LOOK_S) or ending.asked or time.monotonic() > end):
+            pass
+        if not self._settled.is_set():
             self._last = f"it did not start within {START_WITHIN_S:g} s"
         return f"open {self._address} in a browser" if self._address else f"no web page: {self._last}"
 

@@ -11,10 +11,8 @@ from typing import Final
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3, Vector3Stamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -22,13 +20,18 @@ from std_srvs.srv import SetBool
 from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, SoftSimError
-from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltGains
+from softsim_core.errors import CommandError
+from softsim_core.inverse.closed_loop import ClosedLoopLog
 from softsim_core.inverse.paths import MAZE_LIFT_M
 from softsim_core.inverse.tilts import tilt_rotation, tilts_of
 from softsim_core.mechanics.pose import quaternion_of, rotation_of
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.goals import WORLD, checked_pose
+from softsim_ros.inverse.closed_loop_parameters import LoopSettings
+from softsim_ros.inverse.goals import checked_pose
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import LEAVE
 from softsim_ros.inverse.robot import check_frame, effector_rest, world_frames
@@ -36,20 +39,9 @@ from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import declare_number, declare_switch, declare_text, run_node
+from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "closed_loop"
-MEASURES: Final = ("imu", "effector_pose")
-TASKS: Final = ("height_tilt", "orientation", "pose", LEAVE)
-"""Tasks of the inverse controller that turn the plate."""
-
-GAINS: Final = {
-    "kp": "proportional",
-    "ki": "integral",
-    "anti_windup": "anti_windup",
-    "saturation": "saturation",
-}
 
 
 class ClosedLoop(RobotNode):
@@ -64,16 +56,17 @@ class ClosedLoop(RobotNode):
 
     def _begin(self, robot: RobotDescription) -> None:
         rest = effector_rest(robot)
-        self._declare(rest[2] + MAZE_LIFT_M)
-        self._position = np.array([rest[0], rest[1], self._number("height")])
+        defaults = LoopSettings(robot=self.robot_parameter, height=float(rest[2] + MAZE_LIFT_M))
+        self._live = LiveParameters(self, defaults, check=_check, apply=self._retune)
+        start = self._live.values
+        self._position = np.array([rest[0], rest[1], start.height])
         self._turn = 0.0
-        self._loop = TiltLoop(self._gains({}), self._number("measure_timeout"))
-        self._source = str(self.get_parameter("measure").value)
+        self._loop = TiltLoop(start.gains, start.measure_timeout)
+        self._source = start.measure
         self._enabled = False
         self._step: LoopStep | None = None
         self._said = ""
-        file = str(self.get_parameter("log_file").value)
-        self._log = ClosedLoopLog(Path(file).expanduser()) if file else None
+        self._log = ClosedLoopLog(Path(start.log_file).expanduser()) if start.log_file else None
         self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
         self.create_subscription(Vector3Stamped, "tilt_reference", self._on_tilts, 1)
         self.create_subscription(PoseStamped, "effector_reference", self._on_reference, 1)
@@ -81,51 +74,23 @@ class ClosedLoop(RobotNode):
             self.create_subscription(Imu, "imu", self._on_imu, 1)
         else:
             self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
-        self._task = str(self.get_parameter("task").value)
+        self._task = start.task
         self._inverse = InverseSwitch(self, lambda _: None, self.get_logger().warning)
         self._follows = self._task == LEAVE
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))
-        self.add_on_set_parameters_callback(self._on_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self._number("rate"), self._tick, clock=steady)
+        self.create_timer(1.0 / start.rate, self._tick, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
-        if self.get_parameter("enabled").value:
-            self.enable(True)
-        StateTopics(
+        self._state_topics = StateTopics(
             self,
             {
                 "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
                 "~/reference": (Vector3, self._reference),
             },
         )
+        if start.enabled:
+            self.enable(True)
         self.get_logger().info(f"measures tilts on {self._source}; {'on' if self._enabled else 'off'}")
-
-    def _declare(self, height: float) -> None:
-        law = TiltGains()
-        declare_number(self, "kp", law.proportional, "Proportional gain", 0.0, 100.0)
-        declare_number(self, "ki", law.integral, "Integral gain in 1/s", 0.0, 1000.0)
-        declare_number(self, "anti_windup", law.anti_windup, "Anti-windup gain in 1/s", 0.0, 1000.0)
-        declare_number(self, "saturation", law.saturation, "Largest tilt of the goal in rad", 1e-3, 1.5)
-        declare_number(self, "height", height, "Height of the goal in m", -10.0, 10.0)
-        declare_number(self, "rate", 50.0, "Steps a second, set at start", 1.0, 1000.0)
-        declare_number(
-            self, "measure_timeout", 0.5, "A measure older than this, in s, holds the command", 0.01, 60.0
-        )
-        declare_text(self, "measure", MEASURES[0], "Topic of the measured orientation", choices=MEASURES)
-        declare_text(
-            self, "task", "height_tilt", "What the inverse controller follows from then on", choices=TASKS
-        )
-        declare_text(
-            self, "log_file", "", "File for a row of comma separated values a step; none where empty"
-        )
-        declare_switch(self, "enabled", False, "Switch the loop on at start", read_only=True)
-
-    def _number(self, name: str) -> float:
-        return float(self.get_parameter(name).value)
-
-    def _gains(self, changed: dict[str, float]) -> TiltGains:
-        values = {name: changed[name] if name in changed else self._number(name) for name in GAINS}
-        return TiltGains(**{GAINS[name]: value for name, value in values.items()})
 
     def close(self) -> None:
         """Close the log, then destroy the node; a second call does nothing."""
@@ -141,6 +106,7 @@ class ClosedLoop(RobotNode):
             self._loop.begin(time.monotonic())
             self._follows = self._task == LEAVE
         self._enabled = enabled
+        self._state_topics.refresh()
         waits = enabled and not self._loop.has_measure
         return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
 
@@ -153,14 +119,14 @@ class ClosedLoop(RobotNode):
     def _on_tilts(self, message: Vector3Stamped) -> None:
         try:
             if message.header.frame_id:
-                check_frame("tilt reference", message.header.frame_id, self.robot)
+                check_frame("tilt reference", message.header.frame_id, self.frames)
             self._loop.reference = reference_tilts(message)
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
 
     def _on_reference(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, world_frames(self.robot), "reference")
+            pose = checked_pose(message, world_frames(self.frames), "reference")
         except CommandError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
@@ -193,20 +159,10 @@ class ClosedLoop(RobotNode):
             self.get_logger().warning(sentence)
         self._said = sentence
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        values = {parameter.name: parameter.value for parameter in parameters}  # types are checked by rclpy
-        if "rate" in values:
-            return SetParametersResult(successful=False, reason="rate is set at start; restart the node")
-        try:
-            gains = self._gains({name: float(value) for name, value in values.items() if name in GAINS})
-        except SoftSimError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self._loop.controller.gains = gains
-        if "height" in values:
-            self._position[2] = float(values["height"])
-        if "measure_timeout" in values:
-            self._loop.measure_timeout = float(values["measure_timeout"])
-        return SetParametersResult(successful=True)
+    def _retune(self, _: frozenset[str], settings: LoopSettings) -> None:
+        self._loop.controller.gains = settings.gains
+        self._position[2] = settings.height
+        self._loop.measure_timeout = settings.measure_timeout
 
     # --- time -----------------------------------------------------------------------------------------
 
@@ -258,9 +214,21 @@ class ClosedLoop(RobotNode):
         self._publish_health(level, sentence, values)
 
 
+def _check(_: frozenset[str], settings: LoopSettings) -> None:
+    """Raise where the gains do not fit together."""
+    _gains = settings.gains
+
+
+PROGRAM = Program(
+    name="closed_loop",
+    about="Tilts the goal until the measured tilts are the wanted ones.",
+    settings=(LoopSettings(), FrameSettings()),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the closed loop as a process; returns the exit code."""
-    return run_node(ClosedLoop, args)
+    return run_node(PROGRAM, lambda _: ClosedLoop(), args)
 
 
 if __name__ == "__main__":

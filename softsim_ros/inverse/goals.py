@@ -13,8 +13,6 @@ from softsim_core.errors import CommandError, listing
 from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.catalog import shortened
 
-WORLD = "world"
-
 FARTHEST_M = 1000.0
 """A goal further from the origin than this, in [m], is none that somebody meant."""
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from collections.abc import Sequence
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
@@ -22,16 +21,20 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse.commands_out import CommandsOut
 from softsim_ros.inverse.control_thread import ControlThread
-from softsim_ros.inverse.goals import WORLD, checked_pose, unit_quaternion
+from softsim_ros.inverse.goals import checked_pose, unit_quaternion
 from softsim_ros.inverse.health import health
-from softsim_ros.inverse.parameters import checked_feedback, declare_parameters, tuned
+from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
+from softsim_ros.inverse.robot import world_frames
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
-from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
+from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "inverse_controller"
@@ -58,10 +61,16 @@ class InverseControl(RobotNode):
                 f"scene {robot.name} has no {'joints' if effector else 'effector'}: inverse control "
                 "needs both (keys `joints` and `effector` of its file)"
             )
-        start = declare_parameters(self, robot)
-        self._description = robot = start.robot
+        self._live = LiveParameters(
+            self,
+            ControllerSettings.of(robot, self.robot_parameter),
+            check=self._check,
+            apply=self._retune,
+        )
+        start = self._live.values
+        self._description = robot = dataclasses.replace(robot, inverse=start.over(robot.inverse))
         self.get_logger().info(f"building the model of {robot.name}")
-        self._frames = (WORLD, f"{robot.name}_base")  # the base stands in the world's origin
+        self._goal_frames = world_frames(self.frames)
         self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
         self._joint_states_at = -np.inf
         self._foreign_commands = 0
@@ -84,7 +93,6 @@ class InverseControl(RobotNode):
         self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
         self.create_service(SetBool, "~/enable", self._on_enable)
-        self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
         self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
@@ -143,7 +151,7 @@ class InverseControl(RobotNode):
 
     def _on_effector(self, message: PoseStamped) -> None:
         try:
-            pose = checked_pose(message, self._frames, "effector_pose")
+            pose = checked_pose(message, self._goal_frames, "effector_pose")
         except CommandError as error:
             self.refuse(str(error))
         else:
@@ -161,7 +169,7 @@ class InverseControl(RobotNode):
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
-            self.control.set_goal(checked_pose(message, self._frames, "goal"))
+            self.control.set_goal(checked_pose(message, self._goal_frames, "goal"))
         except CommandError as error:
             self.refuse(str(error))
 
@@ -188,7 +196,7 @@ class InverseControl(RobotNode):
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         try:
             if request.data:
-                self.control.enable(float(self.get_parameter("base_shift").value))
+                self.control.enable(self._live.values.base_shift)
                 response.message = "on: the effector stays where it is until a goal comes"
             else:
                 self.control.disable()
@@ -202,17 +210,14 @@ class InverseControl(RobotNode):
 
     # --- parameters, words ----------------------------------------------------------------------------
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Apply new values, whose types and ranges rclpy has checked."""
-        try:
-            feedbacks = [checked_feedback(each.value) for each in parameters if each.name == "feedback"]
-            settings = tuned(self.control.settings, parameters)
-            if settings != self.control.settings:
-                self.control.tune(settings)
-            self.control.feedback = feedbacks[-1] if feedbacks else self.control.feedback
-        except SoftSimError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+    def _check(self, _: frozenset[str], settings: ControllerSettings) -> None:
+        settings.over(self._description.inverse)
+
+    def _retune(self, _: frozenset[str], settings: ControllerSettings) -> None:
+        tuned = settings.over(self._description.inverse)
+        if tuned != self.control.settings:
+            self.control.tune(tuned)
+        self.control.feedback = settings.feedback
 
     def _ended(self, sentence: str) -> None:
         if self.context.ok():
@@ -226,9 +231,16 @@ class InverseControl(RobotNode):
         self._publish_health(level, sentence, values)
 
 
+PROGRAM = Program(
+    name="inverse_controller",
+    about="Brings a robot's effector to a goal.",
+    settings=(ControllerSettings(), FrameSettings()),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the inverse controller as a process; returns the exit code."""
-    return run_node(InverseControl, args)
+    return run_node(PROGRAM, lambda _: InverseControl(), args)
 
 
 if __name__ == "__main__":

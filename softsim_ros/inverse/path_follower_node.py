@@ -10,10 +10,8 @@ from typing import Final
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMessage
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.parameter import Parameter
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,17 +22,19 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.path_files import find_path, is_known_path, known_paths, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters
+from softsim_node.process import run_node
+from softsim_ros.frames import WORLD
 from softsim_ros.inverse import answers
-from softsim_ros.inverse.goals import WORLD
 from softsim_ros.inverse.inverse_switch import InverseSwitch
-from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, declare_parameters
+from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, FollowerSettings
 from softsim_ros.inverse.path_messages import effector_path
 from softsim_ros.inverse.path_player import PathPlayer
 from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
-from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
+from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
@@ -58,9 +58,10 @@ class PathFollower(RobotNode):
 
     def _begin(self, robot: RobotDescription) -> None:
         self._rest = effector_rest(robot)
-        declare_parameters(self)
+        defaults = FollowerSettings(robot=self.robot_parameter)
+        self._live = LiveParameters(self, defaults, check=self._check_path, apply=self._take_path)
         self._own_task = robot.inverse.task
-        self._file = self._start_file = str(self.get_parameter("file").value)
+        self._file = self._start_file = self._live.values.file
         self._player = PathPlayer()
         self._received: EffectorPath | None = None
         self._measured: Array | None = None
@@ -78,7 +79,7 @@ class PathFollower(RobotNode):
         self._progress = self.create_publisher(Float64, "~/progress", 1)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
-        StateTopics(
+        self._state_topics = StateTopics(
             self,
             {
                 "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
@@ -90,7 +91,6 @@ class PathFollower(RobotNode):
         self.create_service(Trigger, "~/start", answers.trigger(self.start))
         self.create_service(SetBool, "~/pause", answers.switch(self.pause))
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))
-        self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(GOAL_PERIOD_S, self._tick, clock=self._path_clock)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PROGRESS_PERIOD_S, self._publish_progress, clock=steady)
@@ -100,7 +100,7 @@ class PathFollower(RobotNode):
             self.get_logger().info(f"path {self._file}: {path.duration:g} s; call {NODE_NAME}/start")
         else:
             self.get_logger().info("no file is named: waiting for a message on the topic path")
-        if self.get_parameter("autostart").value and self._file:
+        if self._live.values.autostart and self._file:
             self._start_by = time.monotonic() + DISCOVERY_S
 
     # --- services -------------------------------------------------------------------------------------
@@ -125,13 +125,13 @@ class PathFollower(RobotNode):
         self._problem = ""
         if not self._inverse.is_there and not self._inverse.is_on:
             self._begin_path(path)
-            if self._switch("enable_inverse"):
+            if self._live.values.enable_inverse:
                 self._warn(f"nobody serves {self._inverse.service}: the goals are given all the same")
             return _started(path)
         task = self._task()
         if task:
             self._inverse.follow(task)
-        if self._inverse.is_on or not self._switch("enable_inverse"):
+        if self._inverse.is_on or not self._live.values.enable_inverse:
             self._begin_path(path)
         else:
             self._switch_on(path, time.monotonic() + DISCOVERY_S)
@@ -159,18 +159,16 @@ class PathFollower(RobotNode):
 
     def _task(self) -> str:
         """What the inverse controller shall follow; empty: what it does now."""
-        task = str(self.get_parameter("task").value)
+        task = self._live.values.task
         if task != AUTO:
             return "" if task == LEAVE else task
         is_plan = self._received is None and find_path(self._file).suffix == ".json"
         return "height_tilt" if is_plan else self._own_task
 
-    def _switch(self, name: str) -> bool:
-        return bool(self.get_parameter(name).value)
-
     def _begin_path(self, path: EffectorPath) -> None:
         self._player.start(path)
         self._ticked_at = self._now()
+        self._state_topics.refresh()
 
     @property
     def _played_file(self) -> str:
@@ -189,16 +187,17 @@ class PathFollower(RobotNode):
         """
         self._player.pause(paused)
         self._ticked_at = self._now()
+        self._state_topics.refresh()
         return f"{'paused' if paused else 'running'} at {self._player.time:.2f} s"
 
     def enable(self, enabled: bool) -> str:
         """Allow paths to run, or stop the one that does and refuse others; returns a sentence."""
         self._enabled = enabled
-        if enabled:
-            return "ready"
-        self._start_by = self._refused = None
-        self._player.stop()
-        return "off: no goals are given"
+        if not enabled:
+            self._start_by = self._refused = None
+            self._player.stop()
+        self._state_topics.refresh()
+        return "ready" if enabled else "off: no goals are given"
 
     def _path(self) -> EffectorPath:
         if self._received is not None:
@@ -206,7 +205,7 @@ class PathFollower(RobotNode):
         if not self._file:
             raise CommandError("there is no path; set the parameter file, or send one on the topic path")
         start = self._rest
-        if self.get_parameter("start_from").value == "measured" and find_path(self._file).suffix == ".json":
+        if self._live.values.start_from == "measured" and find_path(self._file).suffix == ".json":
             if self._measured is None:
                 raise CommandError(
                     "no effector_pose was heard yet; start the simulator, or set start_from to rest"
@@ -216,7 +215,7 @@ class PathFollower(RobotNode):
 
     def _on_inverse(self, is_on: bool) -> None:
         """The inverse controller was seen to go on or off."""
-        if is_on and self._player.state != "running" and self._switch("start_with_inverse"):
+        if is_on and self._player.state != "running" and self._live.values.start_with_inverse:
             self._attempt_start()
         elif not is_on and self._player.state in ("running", "paused"):
             self._player.stop()
@@ -226,11 +225,11 @@ class PathFollower(RobotNode):
 
     def _on_path(self, message: PathMessage) -> None:
         try:
-            self._received = effector_path(message, self.robot)
+            self._received = effector_path(message, self.frames)
             self.get_logger().info(
                 f"path received: {len(message.poses)} poses, {self._received.duration:g} s"
             )
-            if self._player.state == "running" or self.get_parameter("autostart").value:
+            if self._player.state == "running" or self._live.values.autostart:
                 self.start()
         except SoftSimError as error:
             self._warn(str(error))
@@ -241,8 +240,8 @@ class PathFollower(RobotNode):
 
     def _can_start(self) -> bool:
         """Whether those a start depends on have been found."""
-        needs_place = self.get_parameter("start_from").value == "measured" and self._measured is None
-        switches = self._switch("enable_inverse") and not self._inverse.is_on
+        needs_place = self._live.values.start_from == "measured" and self._measured is None
+        switches = self._live.values.enable_inverse and not self._inverse.is_on
         return not needs_place and (self._inverse.is_there or not switches)
 
     def _attempt_start(self) -> None:
@@ -264,16 +263,13 @@ class PathFollower(RobotNode):
             f"the start command; known paths: {names_up_to(MOST_NAMES, known_paths())}"
         )
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name == "file":
-                try:
-                    if parameter.value:
-                        read_path(self._known(str(parameter.value)), self._rest)
-                except SoftSimError as error:
-                    return SetParametersResult(successful=False, reason=str(error))
-                self._file, self._received = str(parameter.value), None
-        return SetParametersResult(successful=True)
+    def _check_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
+        if "file" in names and settings.file:
+            read_path(self._known(settings.file), self._rest)
+
+    def _take_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
+        if "file" in names:
+            self._file, self._received = settings.file, None
 
     # --- time -----------------------------------------------------------------------------------------
 
@@ -286,7 +282,7 @@ class PathFollower(RobotNode):
         if self._refused is not None and time.monotonic() > self._refused[1]:
             (path, _, give_up_at), self._refused = self._refused, None
             self._switch_on(path, give_up_at)
-        speed, loop = float(self.get_parameter("speed").value), self._switch("loop")
+        speed, loop = self._live.values.speed, self._live.values.loop
         pose = self._player.advance(speed * elapsed, loop=loop)
         if pose is None:
             return
@@ -326,9 +322,16 @@ def _started(path: EffectorPath) -> str:
     return f"path started: {path.duration:g} s"
 
 
+PROGRAM = Program(
+    name="path_follower",
+    about="Plays a path as goals of the inverse controller.",
+    settings=(FollowerSettings(), FrameSettings()),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the path follower as a process; returns the exit code."""
-    return run_node(PathFollower, args)
+    return run_node(PROGRAM, lambda _: PathFollower(), args)
 
 
 if __name__ == "__main__":

@@ -2,50 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
-from rclpy.node import Node
-
+from softsim_node.parameters import parameter
 from softsim_ros.inverse.parameters import TASKS
-from softsim_ros.runtime import declare_number, declare_switch, declare_text
+from softsim_ros.robot_node import RobotSettings
 
 STARTS: Final = ("rest", "measured")
 AUTO: Final = "auto"
 LEAVE: Final = "leave"
 
 
-def declare_parameters(node: Node) -> None:
-    """Declare all parameters but `robot`.
+@dataclass(frozen=True, kw_only=True)
+class FollowerSettings(RobotSettings):
+    """Values of the parameters."""
 
-    Raises:
-        ParameterError: a value given at start is not allowed.
-    """
-    declare_text(
-        node,
-        "file",
+    file: str = parameter(
         "",
         "Path: a maze plan (.json) or timed poses (.csv); a name in configs/paths, at the start also a file",
-        read_only=False,
     )
-    declare_text(
-        node,
-        "start_from",
+    start_from: str = parameter(
         STARTS[0],
         "Where a maze plan begins: at the effector's place on the robot at rest, or where it is measured",
         choices=STARTS,
+        fixed=True,
     )
-    declare_text(
-        node,
-        "task",
+    task: str = parameter(
         AUTO,
         "What of a goal the inverse controller follows from the start of a path on; auto: height_tilt for "
         "a maze plan, else what the robot's file says",
         choices=(AUTO, LEAVE, *TASKS),
+        fixed=True,
     )
-    declare_switch(node, "loop", False, "Begin again at the end")
-    declare_number(node, "speed", 1.0, "Seconds of the path a second", 0.0, 100.0)
-    declare_switch(node, "autostart", False, "Start as soon as the node runs, or a path arrives")
-    declare_switch(node, "enable_inverse", True, "Switch the inverse controller on at the start of a path")
-    declare_switch(
-        node, "start_with_inverse", False, "Start when the inverse controller is switched on (key I)"
-    )
+    loop: bool = parameter(False, "Begin again at the end")
+    speed: float = parameter(1.0, "Seconds of the path per second", within=(0.0, 100.0))
+    autostart: bool = parameter(False, "Start as soon as the node runs, or a path arrives")
+    enable_inverse: bool = parameter(True, "Switch the inverse controller on at the start of a path")
+    start_with_inverse: bool = parameter(False, "Start when the inverse controller is switched on (key I)")

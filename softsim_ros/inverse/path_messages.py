@@ -6,6 +6,7 @@ import numpy as np
 from nav_msgs.msg import Path as PathMessage
 
 from softsim_core.inverse.paths import EffectorPath, PathRefusedError
+from softsim_ros.frames import RobotFrames
 from softsim_ros.inverse.goals import FARTHEST_M
 from softsim_ros.inverse.robot import check_frame
 
@@ -13,22 +14,22 @@ MOST_POSES = 100_000
 """A path of more poses is refused."""
 
 
-def effector_path(message: PathMessage, robot: str) -> EffectorPath:
+def effector_path(message: PathMessage, frames: RobotFrames) -> EffectorPath:
     """The path of a message; its poses' stamps, counted from the first one, are the times.
 
     Args:
         message: Poses in `world` (or the robot's base, which is the same); a pose's own frame may be empty.
-        robot: Name of the robot.
+        frames: Names of the robot's frames.
 
     Raises:
         CommandError: unknown frame, no poses, stamps that do not increase, or a number that is not finite.
     """
     if len(message.poses) > MOST_POSES:
         raise PathRefusedError(f"it has {len(message.poses)} poses; send at most {MOST_POSES}")
-    check_frame("path", message.header.frame_id, robot)
+    check_frame("path", message.header.frame_id, frames)
     for pose in message.poses:
         if pose.header.frame_id:
-            check_frame("path", pose.header.frame_id, robot)
+            check_frame("path", pose.header.frame_id, frames)
     if not message.poses:
         raise PathRefusedError("it has no poses")
     stamps = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in message.poses]

@@ -8,7 +8,7 @@ from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, listing
 from softsim_core.scene.catalog import shortened
-from softsim_ros.inverse.goals import WORLD
+from softsim_ros.frames import WORLD, RobotFrames
 
 
 def effector_rest(robot: RobotDescription) -> Array:
@@ -23,18 +23,18 @@ def effector_rest(robot: RobotDescription) -> Array:
     raise SceneError(f"{robot.name} has no effector: add `effector: NAME` of a free attachment to its file")
 
 
-def world_frames(robot: str) -> tuple[str, str]:
+def world_frames(frames: RobotFrames) -> tuple[str, str]:
     """Frames a goal may be in: the world, and the robot's base, which stands in the world's origin."""
-    return (WORLD, f"{robot}_base")
+    return (WORLD, frames.base)
 
 
-def check_frame(what: str, frame: str, robot: str) -> None:
+def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
     """Refuse a message in a frame that is not one of `world_frames`.
 
     Raises:
         CommandError: names what is allowed.
     """
-    allowed = world_frames(robot)
+    allowed = world_frames(frames)
     if frame not in allowed:
         raise CommandError(
             f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(allowed)}"

@@ -10,10 +10,11 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from softsim_core.scene.control import Action
+from softsim_node.parameters import LiveParameters
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.names import KeyPress
+from softsim_ros.keys.parameters import KeySettings
 from softsim_ros.keys.press import (
-    REPEAT_INTERVAL_S,
     CallAction,
     Deed,
     KeyState,
@@ -22,15 +23,13 @@ from softsim_ros.keys.press import (
     Refer,
     press,
 )
-from softsim_ros.keys.table import GOAL_STEP_M
 from softsim_ros.qos import EVERY_ONE
-from softsim_ros.runtime import declare_number
 
 
 class Keyboard:
     """Keys of a person; each goes out on the topic `keys` as well, for the scene's own functions.
 
-    Declares the parameters `repeat_interval` and `goal_step` of the node.
+    Declares the node's parameters `KeySettings`.
 
     Args:
         node: The node of the user interface.
@@ -43,20 +42,10 @@ class Keyboard:
     """
 
     def __init__(self, node: Node, client: RobotClient, say: Callable[[str], None]) -> None:
-        self._node, self._client, self._say = node, client, say
+        self._client, self._say = client, say
         self.state, self.quit_requested = KeyState(), False
         self._keys = node.create_publisher(String, "keys", EVERY_ONE)
-        declare_number(
-            node,
-            "repeat_interval",
-            REPEAT_INTERVAL_S,
-            "shortest time between two steps of one held key [s]",
-            0.02,
-            2.0,
-        )
-        declare_number(
-            node, "goal_step", GOAL_STEP_M, "how far a key moves the goal of inverse control [m]", 1e-5, 0.05
-        )
+        self._settings = LiveParameters(node, KeySettings(robot=client.robot.name))
         self._actions: Mapping[Action, Callable[[], None]] = {
             "start": client.simulator.start,
             "reset": client.simulator.reset,
@@ -68,10 +57,10 @@ class Keyboard:
     def press(self, key: KeyPress, now: float) -> None:
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
         self._keys.publish(String(data=key.name))
-        interval = float(self._node.get_parameter("repeat_interval").value)
-        step = float(self._node.get_parameter("goal_step").value)
-        client = self._client
-        self.state, deed, sentence = press(self.state, client.robot, client.state, key, now, interval, step)
+        client, settings = self._client, self._settings.values
+        self.state, deed, sentence = press(
+            self.state, client.robot, client.state, key, now, settings.repeat_interval, settings.goal_step
+        )
         if sentence:
             self._say(sentence)
         if deed is not None:

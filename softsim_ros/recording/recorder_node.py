@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,6 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -23,20 +23,16 @@ from std_srvs.srv import SetBool
 from servo_bridge.state_topics import StateTopics
 from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
+from softsim_node.help import Program
+from softsim_node.parameters import declare, parameter, parameter_probe
+from softsim_node.process import run_node
 from softsim_ros.messages.types import load_message
 from softsim_ros.qos import hearing_all
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
 from softsim_ros.recording.qos import bag_qos
 from softsim_ros.recording.selection import SHARED, Selection
-from softsim_ros.runtime import (
-    ClosableNode,
-    declare_number,
-    declare_switch,
-    declare_text,
-    parameter_probe,
-    run_node,
-)
+from softsim_ros.runtime import ClosableNode
 
 NODE_NAME = "recorder"
 LOOK_PERIOD_S = 0.25
@@ -48,6 +44,24 @@ SILENCE_S = 5.0
 
 DEPTH = 1000
 """Messages of a topic that may wait while the disk is slow."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderSettings:
+    """Values of the parameters."""
+
+    robot: str = parameter("tripod", "Whose topics: name of the robot, and of its namespace", fixed=True)
+    out: str = parameter(
+        "", "Folder of the bag, which must not exist; empty: ROBOT_DATE-TIME here", fixed=True
+    )
+    topics: str = parameter("", "Topics to record, separated by spaces; empty: all of the robot", fixed=True)
+    size_limit: float = parameter(
+        0.0, "End at this size; 0.0: no limit", unit="MB", within=(0.0, 1e9), fixed=True
+    )
+    time_limit: float = parameter(
+        0.0, "End this long after the first message; 0.0: no limit", unit="s", within=(0.0, 1e9), fixed=True
+    )
+    autostart: bool = parameter(True, "Begin at once, without a call of ~/enable", fixed=True)
 
 
 class Recorder(ClosableNode):
@@ -84,36 +98,18 @@ class Recorder(ClosableNode):
         self._heard: dict[str, tuple[Any, tuple[object, ...]]] = {}
         self._unknown: set[str] = set()
         try:
-            self._declare()
+            self._settings = declare(self, RecorderSettings())
+            self._selection = Selection(self.get_namespace(), self._settings.topics.split())
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_service(SetBool, "~/enable", self._on_enable)
             self.create_timer(LOOK_PERIOD_S, self._look, clock=steady)
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
-            if self._autostart:
+            if self._settings.autostart:
                 self.begin()
-            StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
+            self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
         except BaseException:
             self.close()
             raise
-
-    def _declare(self) -> None:
-        self._robot = _declare_robot(self)
-        self._out = declare_text(
-            self, "out", "", "Folder of the bag, which must not exist; empty: ROBOT_DATE-TIME here"
-        )
-        chosen = declare_text(
-            self, "topics", "", "Topics to record, separated by spaces; empty: all of the robot"
-        )
-        self._selection = Selection(self.get_namespace(), chosen.split())
-        self._size_limit = 1e6 * declare_number(
-            self, "size_limit", 0.0, "End at this size in MB; 0.0: no limit", 0.0, 1e9
-        )
-        self._time_limit = declare_number(
-            self, "time_limit", 0.0, "End this long after the first message, in s; 0.0: no limit", 0.0, 1e9
-        )
-        self._autostart = declare_switch(
-            self, "autostart", True, "Begin at once, without a call of ~/enable", read_only=True
-        )
 
     @property
     def recording(self) -> bool:
@@ -128,8 +124,9 @@ class Recorder(ClosableNode):
         """
         if self._bag is not None:
             raise RecordingError(f"recording to {self._bag.folder} already; end it first")
-        folder = Path(self._out or f"{self._robot}_{datetime.now():%Y-%m-%d_%H-%M-%S}").expanduser()
-        notes = {"robot": self._robot, "namespace": self.get_namespace()}
+        robot = self._settings.robot
+        folder = Path(self._settings.out or f"{robot}_{datetime.now():%Y-%m-%d_%H-%M-%S}").expanduser()
+        notes = {"robot": robot, "namespace": self.get_namespace()}
         self._bag, self.failure = BagWriter(folder, notes), None
         self._since, self._silent, self._said_silent = time.monotonic(), True, False
         self._look()
@@ -177,8 +174,9 @@ class Recorder(ClosableNode):
         if self._silent and waited > SILENCE_S and not self._said_silent:
             self._said_silent = True
             self._say(f"nothing is published in {self.get_namespace()} yet; waiting")
-        if 0.0 < self._time_limit <= waited and not self._silent:
-            self._end_at(f"the time limit of {self._time_limit:g} s is reached")
+        limit = self._settings.time_limit
+        if 0.0 < limit <= waited and not self._silent:
+            self._end_at(f"the time limit of {limit:g} s is reached")
 
     def _hear(self, bag: BagWriter, topic: str, type_name: str) -> None:
         if topic in self._unknown:
@@ -225,8 +223,9 @@ class Recorder(ClosableNode):
         except RecordingError as error:
             self._failed(error)
             return
-        if 0.0 < self._size_limit <= self._bag.size:
-            self._end_at(f"the size limit of {1e-6 * self._size_limit:g} MB is reached")
+        limit = self._settings.size_limit
+        if 0.0 < limit <= 1e-6 * self._bag.size:
+            self._end_at(f"the size limit of {limit:g} MB is reached")
 
     def _end_at(self, reason: str) -> None:
         self._say(reason)
@@ -250,6 +249,7 @@ class Recorder(ClosableNode):
             response.success, response.message = True, self.begin() if request.data else self.end()
         except SoftSimError as error:
             response.success, response.message = False, str(error)
+        self._state_topics.refresh()
         return response
 
 
@@ -267,19 +267,22 @@ def namespace_of(robot: str) -> str:
         return robot
 
 
-def _declare_robot(node: Node) -> str:
-    return declare_text(node, "robot", "tripod", "Whose topics: name of the robot, and of its namespace")
-
-
 def _requested_robot(context: Context | None, overrides: list[Parameter]) -> str:
     """The parameter `robot`, needed before the node: it names the namespace."""
     with parameter_probe(NODE_NAME, context=context, parameter_overrides=overrides) as probe:
-        return _declare_robot(probe)
+        return declare(probe, RecorderSettings()).robot
+
+
+PROGRAM = Program(
+    name="recorder",
+    about="Records a robot's topics into a rosbag2 file.",
+    settings=(RecorderSettings(),),
+)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder as a process; returns the exit code."""
-    return run_node(Recorder, args)
+    return run_node(PROGRAM, lambda _: Recorder(), args)
 
 
 if __name__ == "__main__":

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from servo_bridge.state_topics import StateTopics
+from softsim_node.ending import ending
+from softsim_node.parameters import LiveParameters, parameter
+from softsim_node.spinning import serve_once
 from softsim_ros.messages.state_topics import STATE_TOPICS
 from softsim_ros.messages.types import load_message
 from softsim_ros.recording import replay_source
@@ -24,7 +26,7 @@ from softsim_ros.recording.qos import publisher_qos
 from softsim_ros.recording.replay_clock import ReplayClock
 from softsim_ros.recording.replay_source import Event
 from softsim_ros.recording.selection import SHARED
-from softsim_ros.runtime import ClosableNode, declare_number, serve_once
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.simulator.pacing import RateGate
 
 NODE_NAME = "replay"
@@ -40,6 +42,13 @@ RIVAL_PERIOD_S = 0.5
 LISTENER_DEADLINE_S = 15.0
 LOOK_PERIOD_S = 0.05
 """Services and parameters are served at least this often, in [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySettings:
+    """Values of the parameters."""
+
+    speed: float = parameter(1.0, "Seconds of the bag per second", within=(0.001, 1000.0))
 
 
 class Replay(ClosableNode):
@@ -80,16 +89,16 @@ class Replay(ClosableNode):
                 raise BagError(
                     bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
                 )
-            declare_number(self, "speed", speed, "Seconds of the bag a second", 0.001, 1000.0)
-            self._playhead.set_speed(speed, time.monotonic())
+            self._live = LiveParameters(self, ReplaySettings(speed=speed), apply=self._change_speed)
+            self._playhead.set_speed(self._live.values.speed, time.monotonic())
             self._types = {topic: self._message_type(topic) for topic in self._topics}
             self._senders: dict[str, Publisher] = {}
             self._simulator = {
                 name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
             }
             self.create_service(SetBool, "~/pause", self._on_pause)
-            StateTopics(self, {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))})
-            self.add_on_set_parameters_callback(self._on_parameters)
+            facts = {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))}
+            self._state_topics = StateTopics(self, facts)
         except BaseException:
             self.destroy_node()
             raise
@@ -130,7 +139,7 @@ class Replay(ClosableNode):
             )
 
     def play(self, executor: Executor) -> None:
-        """Send everything once, from the start; returns early where the context shuts down.
+        """Send everything once, from the start; returns early where the process shall end.
 
         Raises:
             RecordingError: another node has begun to publish the same topics.
@@ -144,12 +153,12 @@ class Replay(ClosableNode):
             publisher.wait_for_all_acked(Duration(seconds=5))
 
     def _wait_for(self, position: float, executor: Executor) -> bool:
-        """Serve callbacks until a bag time comes; False where the context has shut down."""
+        """Serve callbacks until a bag time comes; False where the process shall end."""
         while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
             time.monotonic()
         ):
             serve_once(executor, min(max(wait, 0.0), LOOK_PERIOD_S))
-            if not executor.context.ok():
+            if ending.asked or not executor.context.ok():
                 return False
             if self._looks.passes(time.monotonic()):
                 self._refuse_rivals()
@@ -178,7 +187,7 @@ class Replay(ClosableNode):
         """Serve callbacks until a condition holds; False when the time passed first."""
         end = time.monotonic() + seconds
         while not until():
-            if time.monotonic() > end or not executor.context.ok():
+            if time.monotonic() > end or ending.asked or not executor.context.ok():
                 return False
             serve_once(executor, LOOK_PERIOD_S)
         return True
@@ -206,14 +215,12 @@ class Replay(ClosableNode):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._playhead.pause(request.data, time.monotonic())
+        self._state_topics.refresh()
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name == "speed":
-                self._playhead.set_speed(float(parameter.value), time.monotonic())
-        return SetParametersResult(successful=True)
+    def _change_speed(self, _: frozenset[str], settings: ReplaySettings) -> None:
+        self._playhead.set_speed(settings.speed, time.monotonic())
 
 
 def whole_topics(bag: Bag) -> list[str]:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 SHARED = ("/diagnostics", "/tf", "/tf_static", "/clock")
 """Topics that all robots share."""
 
-LEFT_OUT = ("mesh/marker", "step_profile")
-"""Not recorded unless asked for: made from mesh/points, at five times the size; each step ten times over."""
+LEFT_OUT = ("mesh/marker", "step_profile", "recorder/enabled")
+"""Not recorded unless asked for: made from mesh/points, at five times the size; each step ten times over; the
+recorder's own state."""
 
 
 class Selection:

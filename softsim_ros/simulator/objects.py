@@ -2,7 +2,7 @@
 
 `bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene order;
 `bodies/topology` (visualization_msgs/MarkerArray, latched) their surfaces, one TRIANGLE_LIST a body, ns = its
-name, points in its own frame, frame_id empty. `cables` (MarkerArray, 30 Hz) has for every cable, by its
+name, in its own frame on /tf. `cables` (MarkerArray, 30 Hz) has for every cable, by its
 number as id, ns "line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `contacts`
 (MarkerArray, 30 Hz) has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on
 the first body, FORCE_LENGTH long a newton). `collisions` (MarkerArray, 10 Hz) has the collision surfaces, by
@@ -11,7 +11,7 @@ their number as id, ns = name: a TRIANGLE_LIST in world coordinates, or a SPHERE
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -24,10 +24,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from softsim_core.arrays import Array
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.frames import WORLD
 from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.pacing import RateGate
 
-WORLD = "world"
 POSES_PERIOD_S = 1.0 / 60.0
 MARKERS_PERIOD_S = 1.0 / 30.0
 COLLISIONS_PERIOD_S = 0.1
@@ -63,9 +63,9 @@ class ObjectPublications:
         self._cables_gate, self._contacts_gate = RateGate(MARKERS_PERIOD_S), RateGate(MARKERS_PERIOD_S)
         self._collisions_gate = RateGate(COLLISIONS_PERIOD_S)
 
-    def show_scene(self, simulation: Simulation) -> None:
-        """Send what does not move."""
-        self._topology.publish(bodies_topology(simulation))
+    def show_scene(self, simulation: Simulation, frame_of: Callable[[int, str], str]) -> None:
+        """Send what does not move; `frame_of` names the frame of a rigid body by its number and name."""
+        self._topology.publish(bodies_topology(simulation, frame_of))
         now = Time()
         self._moving_cables = messages.MovingMarkers(cable_markers(simulation, now).markers)
         self._moving_collisions = messages.MovingMarkers(collision_markers(simulation, now).markers)
@@ -84,13 +84,15 @@ class ObjectPublications:
             self._collisions.publish(self._moving_collisions.fill(stamp, collision_places(simulation)))
 
 
-def bodies_topology(simulation: Simulation) -> MarkerArray:
-    """Surfaces of the rigid bodies, each in its own frame."""
+def bodies_topology(simulation: Simulation, frame_of: Callable[[int, str], str]) -> MarkerArray:
+    """Surfaces of the rigid bodies, each in its own frame, and locked to it: they move with /tf."""
     markers = []
     for number, body in enumerate(simulation.rigid_bodies):
         r, g, b, a = body.colour
         corners = body.surface.points[body.surface.triangles.ravel()]
-        marker = _marker(None, body.name, number, Marker.TRIANGLE_LIST, 1.0, ColorRGBA(r=r, g=g, b=b, a=a))
+        colour = ColorRGBA(r=r, g=g, b=b, a=a)
+        marker = _marker(Time(), body.name, number, Marker.TRIANGLE_LIST, 1.0, colour)
+        marker.header.frame_id, marker.frame_locked = frame_of(number, body.name), True
         marker.points = _points(corners)
         markers.append(marker)
     return MarkerArray(markers=markers)
@@ -160,10 +162,9 @@ def collision_places(simulation: Simulation) -> list[Array]:
     ]
 
 
-def _marker(stamp: Time | None, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:
+def _marker(stamp: Time, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:
     marker = Marker(ns=ns, id=number, type=kind, action=Marker.ADD, color=colour)
-    if stamp is not None:
-        marker.header = messages.header(stamp, WORLD)
+    marker.header = messages.header(stamp, WORLD)
     marker.pose.orientation.w = 1.0
     marker.scale = Vector3(x=size, y=size, z=size)
     return marker

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -92,6 +92,8 @@ class PhysicsThread:
         self._requests = WorkQueue("the physics", "a physics step", lambda: self.is_alive)
         self._command_lock = threading.Lock()
         self._newest: Array | JointTrajectory | None = None
+        self._named: dict[str, float] = {}  # positions of some joints, over the newest command
+        self._delay = 0.0
         self._trajectory: tuple[JointTrajectory, float, Array] | None = None
         self._speed = speed
         self._paused = self._paused_before_fault = False
@@ -123,10 +125,21 @@ class PhysicsThread:
         """Whether the thread runs."""
         return self._thread.is_alive()
 
-    def command(self, target: Array | JointTrajectory) -> None:
-        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins."""
+    def command(self, target: Array | JointTrajectory, delay_s: float = 0.0) -> None:
+        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins.
+
+        Args:
+            target: Where to go.
+            delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
+        """
         with self._command_lock:
-            self._newest = target
+            self._newest, self._delay = target, delay_s
+            self._named.clear()
+
+    def command_named(self, positions: Mapping[str, float]) -> None:
+        """Give positions of some joints by name for the next step; the others stay where they are told."""
+        with self._command_lock:
+            self._named.update(positions)
 
     def call(self, action: Callable[[Simulation], Result], *, shows: bool = True) -> Result:
         """Run an action on the simulation between two steps and wait for its result.
@@ -302,10 +315,14 @@ class PhysicsThread:
     def _apply_command(self) -> None:
         with self._command_lock:
             newest, self._newest = self._newest, None
+            named, self._named, delay = self._named, {}, self._delay
         simulation = self._simulation
         try:
-            if isinstance(newest, JointTrajectory):
-                self._trajectory = (newest, simulation.time, simulation.joint_targets)
+            if named:
+                self._trajectory = None
+                self._command(self._laid_over(newest, named))
+            elif isinstance(newest, JointTrajectory):
+                self._trajectory = (newest, simulation.time + delay, simulation.joint_targets)
             elif newest is not None:
                 self._trajectory = None
                 self._command(newest)
@@ -314,11 +331,26 @@ class PhysicsThread:
                 elapsed = simulation.time + simulation.dt - begin  # targets hold at the end of the step
                 if trajectory.is_over(elapsed):
                     self._trajectory = None
-                self._command(trajectory.sample(elapsed, start, simulation.joint_names))
+                if elapsed >= 0.0:
+                    self._command(trajectory.sample(elapsed, start, simulation.joint_names))
         except CommandError as error:
             self._trajectory = None
             self._refused += 1
             self._on_refusal(str(error))
+
+    def _laid_over(self, newest: Array | JointTrajectory | None, named: Mapping[str, float]) -> Array:
+        """Targets of all joints: those named, over the newest command, else over what was told before."""
+        simulation = self._simulation
+        targets = np.array(newest) if isinstance(newest, np.ndarray) else simulation.joint_targets
+        if simulation.enforce_limits:  # a rest pose beyond them is no command of anybody's
+            targets[:] = [
+                joint.limits.clamp(target)
+                for joint, target in zip(simulation.robot.joints, targets, strict=True)
+            ]
+        for name, position in named.items():
+            if name in simulation.joint_names:  # else another scene has come since
+                targets[simulation.joint_names.index(name)] = position
+        return targets
 
     def _command(self, values: Array) -> None:
         accepted = self._simulation.command(values)
@@ -327,6 +359,7 @@ class PhysicsThread:
     def _forget_commands(self) -> None:
         with self._command_lock:
             self._newest = None
+            self._named.clear()
         self._trajectory = None
 
     def _show(self, *, whole: bool) -> float:

@@ -13,18 +13,20 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 from visualization_msgs.msg import Marker
 
 from softsim_core.arrays import Array
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.description.urdf import control_topics, urdf
+from softsim_ros.frames import WORLD, RobotFrames
 from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate
 from softsim_ros.simulator.structure import StructurePublications
+from softsim_ros.simulator.transforms import FrameTree
 
-WORLD = "world"
 MARKER_PERIOD_S = 0.1
 """RViz copes with one large marker at 10 Hz."""
 
@@ -46,7 +48,7 @@ class Publications:
     Args:
         node: Owner of the publishers.
         simulation: What will be shown; its surface and joints must not change.
-        robot: Name of the robot, prefix of its base and effector frames.
+        frames: Names of the robot's frames.
         mesh_rate: Messages a second on mesh/points, in [Hz]; 0 sends none.
         publish_clock: Send simulated time on /clock and stamp every message with it.
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
@@ -58,7 +60,7 @@ class Publications:
         self,
         node: Node,
         simulation: Simulation,
-        robot: str,
+        frames: RobotFrames,
         *,
         mesh_rate: float = 30.0,
         publish_clock: bool = False,
@@ -67,8 +69,8 @@ class Publications:
         scenes: Sequence[str] = (),
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
-        self._base = f"{robot}_base"
-        self._effector_frame = f"{robot}_effector"
+        self._frames = frames
+        self._control = control_topics(node.get_namespace())
         self.marker_stress = marker_stress
         self._mesh_gate: RateGate | None = None
         self.mesh_rate = mesh_rate
@@ -85,17 +87,21 @@ class Publications:
         self._topology = node.create_publisher(Mesh, "mesh/topology", LATCHED)
         self._tf: Any | None = None
         self._create_tf(node)
+        self._description = node.create_publisher(String, "robot_description", LATCHED)
         self._structure = StructurePublications(node)
         self._objects = ObjectPublications(node)
         self.show_scene(simulation, overrides, scenes)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
         """Send what does not move: of the first simulation, or of another one that takes its place."""
-        self._frame_names = {simulation.scene.effector: self._effector_frame}
+        self._tree = FrameTree(simulation, self._frames)
+        self._description.publish(String(data=urdf(simulation.robot, topics=self._control)))
+        if self._tf is not None:
+            self._tf_static.publish(self._make_tf(transforms=self._tree.still(self._now().to_msg())))
         points, triangles = simulation.visual_rest_points, simulation.visual_triangles
         self._topology.publish(messages.topology(points, triangles))
         self._structure.show_scene(simulation, overrides, scenes)
-        self._objects.show_scene(simulation)
+        self._objects.show_scene(simulation, self._tree.of_body)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 
     @property
@@ -137,7 +143,7 @@ class Publications:
         self._joint_states.publish(
             messages.joint_state(
                 stamp,
-                self._base,
+                self._frames.base,
                 simulation.joint_names,
                 simulation.joint_positions,
                 simulation.joint_velocities,
@@ -153,7 +159,7 @@ class Publications:
                 messages.pose_stamped(stamp, WORLD, effector.position, effector.quaternion_xyzw)
             )
         if self._tf is not None and (self._tf_gate.passes(now) or whole):
-            self._publish_tf(simulation, stamp)
+            self._tf.publish(self._make_tf(transforms=self._tree.moving(simulation, stamp)))
         self._structure.publish(simulation, stamp, now, whole)
         self._objects.publish(simulation, stamp, now, whole)
         points_due = self._mesh_gate is not None and _is_due(self._points, self._mesh_gate, now, whole)
@@ -180,20 +186,6 @@ class Publications:
         self._make_tf: Callable[..., Any] = message_type
         self._tf = node.create_publisher(message_type, "/tf", 100)
         self._tf_static = node.create_publisher(message_type, "/tf_static", LATCHED)
-        base = messages.transform_stamped(
-            self._now().to_msg(), WORLD, self._base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-        )
-        self._tf_static.publish(message_type(transforms=[base]))
-
-    def _publish_tf(self, simulation: Simulation, stamp: Time) -> None:
-        assert self._tf is not None
-        transforms = [
-            messages.transform_stamped(
-                stamp, self._base, self._frame_names.get(name, name), pose.position, pose.quaternion_xyzw
-            )
-            for name, pose in simulation.frames().items()
-        ]
-        self._tf.publish(self._make_tf(transforms=transforms))
 
 
 def _is_due(publisher: Any, gate: RateGate, now: float, whole: bool) -> bool:

@@ -7,22 +7,37 @@ import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.mechanics.pose import rotation_of
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
-from softsim_ros.runtime import declare_number
+from softsim_node.parameters import LiveParameters, parameter
+from softsim_ros.frames import RobotFrames
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 LOOK_PERIOD_S = 0.1
 """Whether a pull has timed out is looked at this often, in [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PullSettings:
+    """Values of the parameters."""
+
+    pull_timeout: float = parameter(
+        0.5, "A pull is let go when it was not sent again for so long", unit="s", within=(0.01, 60.0)
+    )
+    pull_limit: float = parameter(
+        10.0, "Largest force of a pull; a stronger one is shortened", unit="N", within=(0.0, 1.0e6)
+    )
 
 
 class Pulls:
@@ -34,33 +49,30 @@ class Pulls:
     Args:
         node: Owner of the subscription and parameters.
         physics: The thread that owns the simulation.
+        frames: Names of the robot's frames.
         warn: Told the sentence of a refused message.
     """
 
-    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
-        self._node, self._physics, self._warn = node, physics, warn
-        declare_number(
-            node,
-            "pull_timeout",
-            0.5,
-            "A pull is let go when it was not sent again for so long, in s",
-            0.01,
-            60.0,
-        )
-        declare_number(
-            node, "pull_limit", 10.0, "Largest force of a pull in N; a stronger one is shortened", 0.0, 1.0e6
-        )
+    def __init__(
+        self, node: Node, physics: PhysicsThread, frames: RobotFrames, warn: Callable[[str], None]
+    ) -> None:
+        self._physics, self._frames, self._warn = physics, frames, warn
+        self._live = LiveParameters(node, PullSettings())
         self._heard_at: float | None = None
         node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
         node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force = message.wrench.force
-        limit = float(self._node.get_parameter("pull_limit").value)
+        limit = self._live.values.pull_limit
 
         def pull(simulation: Simulation) -> None:
+            if message.wrench.torque != Vector3():
+                raise CommandError("pull refused: only forces pull; leave the torque 0; nothing is pulled")
             wanted = limited_force((force.x, force.y, force.z), limit)
-            simulation.forces[:] = pulled_nodes(simulation, message.header.frame_id, wanted)
+            frame = message.header.frame_id
+            place = simulation.scene.effector or frame if frame == self._frames.effector else frame
+            simulation.forces[:] = pulled_nodes(simulation, place, wanted)
 
         try:
             self._physics.call(pull, shows=False)
@@ -72,7 +84,7 @@ class Pulls:
             self._heard_at = time.monotonic()
 
     def _look(self) -> None:
-        timeout = float(self._node.get_parameter("pull_timeout").value)
+        timeout = self._live.values.pull_timeout
         if self._heard_at is not None and time.monotonic() - self._heard_at > timeout:
             self._heard_at = None
             with suppress(SoftSimError):
@@ -103,7 +115,7 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
         simulation: Whose nodes.
         frame: "mesh_point/INDEX", a vertex of the visible surface as in mesh/points, or the name of a free
             frame, whose nodes share the force.
-        force: In [N], world axes, shape (3,).
+        force: In [N], in the axes of that frame; those of a vertex are the world's. Shape (3,).
 
     Raises:
         CommandError: there is no such place.
@@ -117,11 +129,10 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
                 np.add.at(forces, nodes, body.embedding.weights[index][:, None] * force)
                 return forces
             index -= len(body.surface.points)
-    effector = f"{simulation.scene.name}_effector"
-    name = simulation.scene.effector if frame == effector else frame
     for zone in simulation.model.regions:
-        if zone.frame >= 0 and zone.name == name:
-            forces[zone.nodes] = force / len(zone.nodes)
+        if zone.frame >= 0 and zone.name == frame:
+            turn = rotation_of(simulation.frames()[zone.name].quaternion_xyzw)
+            forces[zone.nodes] = turn @ force / len(zone.nodes)
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)
     raise CommandError(

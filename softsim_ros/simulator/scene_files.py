@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,9 @@ from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 from softsim_core.values import MeshFile
 
 Stamps = dict[Path, tuple[int, int] | None]
+
+FILE_KEYS = ("file", "extends")
+"""Keys of scenes that hold the name of a file."""
 
 
 class SceneFiles:
@@ -64,21 +67,52 @@ class SceneFiles:
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
-        scene = load_scene(self._source, read_overrides(overrides))
-        others = sorted(map(str, named_files(scene) - self._named_files)) if overrides else []
-        if others:
-            raise ConfigError(
-                "overrides",
-                "",
-                f"name other files than the scene does ({names_up_to(3, others)}); name them in its file",
-            )
+        values = read_overrides(overrides)
+        _refuse_others(name for name in file_names(values) if not self._names(name))
+        scene = load_scene(self._source, values)
+        if overrides:
+            _refuse_others(sorted(map(str, named_files(scene) - self._named_files)))
         return scene
+
+    def take_over(self, overrides: str, scene: RobotDescription) -> None:
+        """Go on with overrides that `try_overrides` made a scene of."""
+        self.overrides, self._files = overrides, files_of(scene)
+        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+
+    def _names(self, name: str) -> bool:
+        """Whether the scene itself names a file so; nothing is looked for on the disk."""
+        end = f"/{name.removeprefix('./')}"
+        return any(str(file) == name or str(file).endswith(end) for file in self._named_files)
 
     def saved(self) -> bool:
         """Whether a file has changed since it was loaded and is at rest since the last call."""
         before, self._seen = self._seen, stamps(self._files)
         at_rest = self._seen == before and None not in self._seen.values()
         return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
+
+
+def _refuse_others(names: Iterable[str]) -> None:
+    others = list(names)
+    if others:
+        raise ConfigError(
+            "overrides",
+            "",
+            f"name other files than the scene does ({names_up_to(3, others)}); name them in its file",
+        )
+
+
+def file_names(value: Any, key: str = "") -> Iterator[str]:
+    """Texts in overrides that name a file: by their key, or because they look like a path."""
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from file_names(item, str(name))
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from file_names(item, key)
+    elif isinstance(value, str):
+        looks_like_one = value.startswith(("/", "~", ".")) or "/../" in value
+        if looks_like_one or key in FILE_KEYS:
+            yield value
 
 
 def files_of(robot: RobotDescription) -> list[Path]:

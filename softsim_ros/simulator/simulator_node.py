@@ -2,50 +2,56 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from servo_bridge.state_topics import StateTopics
-from softsim_core import RobotDescription, Simulation
-from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError, listing
+from softsim_core import RobotDescription
+from softsim_core.errors import CommandError, SoftSimError, listing
 from softsim_core.scene import SceneCatalog
-from softsim_core.warmup import cached_kernels
+from softsim_core.scene.catalog import folders_of
+from softsim_node.help import Program
+from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter_probe
+from softsim_node.process import run_node
+from softsim_ros.aside import Aside
 from softsim_ros.messages import step_profile
-from softsim_ros.robot_node import RobotNode
-from softsim_ros.runtime import run_node
+from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.bases import BaseTargets
-from softsim_ros.simulator.commands import position_command, trajectory_command
-from softsim_ros.simulator.health import NOT_LOADED, health
-from softsim_ros.simulator.parameters import (
-    StartParameters,
-    checked_speed,
-    clear_overrides,
-    declare_allowed_code,
-    declare_overrides,
-    declare_parameters,
-    declare_physics_again,
+from softsim_ros.simulator.commands import (
+    named_command,
+    position_command,
+    trajectory_command,
+    trajectory_delay,
 )
+from softsim_ros.simulator.health import NOT_LOADED, health
+from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, Tried, reason
+from softsim_ros.simulator.parameters import SceneSettings, SimulatorSettings, check_speed
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
-from softsim_ros.simulator.pulls import Pulls
+from softsim_ros.simulator.pulls import Pulls, PullSettings
 from softsim_ros.simulator.scene_files import SceneFiles
+from softsim_ros.simulator.snapshot_folder import SnapshotFolder
 from softsim_ros.simulator.stage_statistics import stage_statistics
+from softsim_ros.simulator.tuning import SCENE, TuningParameters
 
 NODE_NAME = "simulator"
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
+
 WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
@@ -58,27 +64,37 @@ class Simulator(RobotNode):
     """
 
     node_name = NODE_NAME
-    changes_robot = True
     _physics: PhysicsThread | None = None
     _closed = False
-    _applies_parameters = True
 
     def _begin(self, robot: RobotDescription) -> None:
+        self._aside = Aside("another scene is being loaded")
+        self._tried: Tried | None = None
+        first = self._asked_first()
         self._files = SceneFiles(robot)
-        self._files.overrides = declare_overrides(self)
-        self._scenes = SceneCatalog(self.named, declare_allowed_code(self))
-        if self._files.overrides:
+        self._files.overrides = first.overrides
+        self._scenes = SceneCatalog(self.named, folders_of(first.allow_code))
+        if first.overrides:
             robot = self._files.load()
-        start = declare_parameters(self, robot, self.robot)
-        simulation = self._build(start)
+        self._live = LiveParameters(
+            self,
+            SimulatorSettings.of(robot, first, self.robot),
+            check=self._check_parameters,
+            apply=self._apply_parameters,
+        )
+        start = self._live.values
+        check_speed(start.speed)
+        self._snapshots = SnapshotFolder(Path(start.snapshot_folder))
+        self._snapshots.file(start.snapshot)
+        self._tuning = TuningParameters(self, lambda change: self.physics.call(change, shows=False))
+        self._builder = SceneBuilder(lambda: self._live.values, self.get_logger())
+        simulation = self._builder.build(self._tuning.declare(robot))
         self.joint_names = simulation.joint_names
         self._backend = simulation.backend
-        self._start_parameters = start
-        self._speed = start.speed
         self._publications = Publications(
             self,
             simulation,
-            self.robot,
+            self.frames,
             mesh_rate=start.mesh_rate,
             publish_clock=start.publish_clock,
             marker_stress=start.marker_stress,
@@ -96,9 +112,10 @@ class Simulator(RobotNode):
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
         self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
+        self.create_subscription(JointState, "joint_commands", self._on_joint_command, NAMED_DEPTH)
         self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
         self.create_subscription(String, "keys", self._on_key, 10)
-        self._pulls = Pulls(self, self._physics, self.refuse)
+        self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
         self._base_targets = BaseTargets(self, self._physics, self.refuse)
         for name, action in (
             ("reset", self._reset),
@@ -106,15 +123,14 @@ class Simulator(RobotNode):
             ("save", self._save),
             ("load", self._load),
             ("start", self._start),
-            ("reload", self._reload),
         ):
             self.create_service(Trigger, f"~/{name}", _answering(action))
+        self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
-        self.add_on_set_parameters_callback(self._on_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
-            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady)
+            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
         self._physics.start()
         self._state_topics = StateTopics(
             self,
@@ -128,28 +144,18 @@ class Simulator(RobotNode):
             f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
         )
 
-    def _build(self, start: StartParameters) -> Simulation:
-        """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
-        compiled, _ = cached_kernels()
-        once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
-        self.get_logger().info(f"building {self.robot}{once}")
-        backend: Any = start.backend
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            trial = Simulation(dataclasses.replace(start.robot, controllers=()), backend=backend)
-            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
-                trial.step()
-            trial.von_mises()
-            simulation = Simulation(start.robot, backend=backend)
-        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
-            self.get_logger().warning(sentence)
-        return simulation
+    def _asked_first(self) -> SceneSettings:
+        """What has to be known of this node's parameters before the defaults of the others are."""
+        options = {"context": self.context, "namespace": self.get_namespace(), **self.given}
+        with parameter_probe(self.node_name, **options) as probe:
+            return declare(probe, SceneSettings(robot=self.robot_parameter))
 
     def close(self) -> None:
         """End the physics, then destroy the node; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
+        self._aside.close()
         if self._physics is not None:
             self._physics.close()
         self.destroy_node()
@@ -173,9 +179,22 @@ class Simulator(RobotNode):
         except CommandError as error:
             self.refuse(str(error))
 
+    def _on_joint_command(self, message: JointState) -> None:
+        try:
+            self.physics.command_named(named_command(message, self.joint_names, self._now_s()))
+        except CommandError as error:
+            self.refuse(str(error))
+
+    def _now_s(self) -> float:
+        """The time now in [s], on the clock that stamps what the simulator sends."""
+        if self._live.values.publish_clock:
+            return self.physics.status.time_s
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
     def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
         try:
-            self.physics.command(trajectory_command(message, self.joint_names))
+            delay = trajectory_delay(message, self._now_s())
+            self.physics.command(trajectory_command(message, self.joint_names), delay)
         except CommandError as error:
             self.refuse(str(error))
 
@@ -199,10 +218,10 @@ class Simulator(RobotNode):
 
     def _save(self) -> str:
         data = self.physics.call(lambda simulation: simulation.snapshot(), shows=False)
-        return f"saved to {self._start_parameters.snapshots.write(self._snapshot_name(), data)}"
+        return f"saved to {self._snapshots.write(self._snapshot_name(), data)}"
 
     def _load(self) -> str:
-        snapshots, name = self._start_parameters.snapshots, self._snapshot_name()
+        snapshots, name = self._snapshots, self._snapshot_name()
         self.physics.restore(snapshots.read(name))
         self._take_over_tuning()
         return f"loaded from {snapshots.file(name)}"
@@ -221,117 +240,122 @@ class Simulator(RobotNode):
         return response
 
     def _snapshot_name(self) -> str:
-        return str(self.get_parameter("snapshot").value)
+        return self._live.values.snapshot
 
     # --- another scene --------------------------------------------------------------------------------
 
-    def _look_at_files(self) -> None:
-        if self._files.saved():
-            successful, sentence = _attempt(self._reload)
-            if successful:  # a failure was logged by the physics
-                self.get_logger().info(sentence)
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """As ClosableNode's; parameters that bring another scene are answered once that has been built."""
+        setters = (SetParameters, SetParametersAtomically)
+        if srv_type in setters:
+            callback, options = self._built_first(callback), {**options, "callback_group": self._waiting}
+        return super().create_service(srv_type, srv_name, callback, **options)
 
-    def _reload(self) -> str:
+    @cached_property
+    def _waiting(self) -> ReentrantCallbackGroup:
+        """Callbacks that wait for work aside; in the node's own group all others would wait with them."""
+        return ReentrantCallbackGroup()
+
+    def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        async def answer(request: Any, response: Any) -> Any:
+            wishes = [
+                (each.name, each.value.string_value) for each in request.parameters if each.name in SCENE
+            ]
+            if len(wishes) == 1:
+                try:
+                    built = await self._aside.run(partial(self._prepare, *wishes[0]))
+                    self._tried = Tried(wishes[0], built, None)
+                except Exception as error:
+                    self._tried = Tried(wishes[0], None, error)
+            try:
+                return callback(request, response)
+            finally:
+                self._tried = None
+
+        return answer
+
+    async def _look_at_files(self) -> None:
+        if not self._aside.is_busy and self._files.saved():
+            with suppress(SoftSimError):  # logged by the physics
+                self.get_logger().info(await self._reload())
+
+    async def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, await self._reload()
+        return response
+
+    async def _reload(self) -> str:
         """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
-        before, declared = self._start_parameters, False
-        self._applies_parameters = False  # declaring sets them; the scene carries their values
         try:
-            scene = self._files.load()
-            declared = True
-            after = declare_physics_again(self, scene, before)
-            simulation = self._build(after)
+            following = await self._aside.run(partial(self._builder.anew, self._files))
         except Exception as error:
-            if declared:
-                self._start_parameters = declare_physics_again(self, before.robot, before)
-            reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
-            sentence = f"{NOT_LOADED}{reason}"
+            sentence = f"{NOT_LOADED}{reason(error)}"
             self.physics.stop(sentence)
             raise SoftSimError(sentence) from error
-        finally:
-            self._applies_parameters = True
-        laid, known = self._files.overrides, self._scenes.names()
+        self._go_on_with(following)
+        return f"loaded {following.scene.source}"
+
+    def _prepare(self, name: str, value: str) -> NextScene:
+        """The scene that `robot` or `overrides` asks for, ready to run; nothing changes here."""
+        if name == "robot":
+            return self._builder.named(value, self._scenes)
+        return self._builder.overridden(value, self._files)
+
+    def _go_on_with(self, following: NextScene) -> None:
+        try:
+            self._tuning.declare(following.scene)
+        except ParameterError:  # what was given at the start fits another material
+            self._tuning.declare(following.scene, given=False)
+        self._tuning.tune(following.simulation)
+        laid, known = following.overrides, self._scenes.names()
         show = partial(self._publications.show_scene, overrides=laid, scenes=known)
-        self.physics.replace(simulation, show)
-        self._start_parameters, self.joint_names = after, simulation.joint_names
-        return f"loaded {scene.source}"
-
-    def _change_scene(self, robot: str) -> None:
-        """Go on with another robot or scene, in the same namespace; a wrong name or file changes nothing."""
-        before = self._files
-        self._files = SceneFiles(self._scenes.load(robot))
-        try:
-            self._reload()
-        except SoftSimError:
-            self._files = before
-            raise
-        clear_overrides(self)
-
-    def _apply_overrides(self, overrides: str) -> None:
-        """Begin the scene anew with other values laid over its files; wrong ones change nothing."""
-        try:
-            Simulation(self._files.try_overrides(overrides))  # what cannot be built must not stop what runs
-        except Exception as error:
-            reason = str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"
-            raise SoftSimError(f"overrides refused: {reason}") from error
-        self._files.overrides = overrides
-        self._reload()
+        self.physics.replace(following.simulation, show)
+        self._files = following.files
+        self._files.take_over(laid, following.scene)
+        self.joint_names = following.simulation.joint_names
 
     # --- parameters -----------------------------------------------------------------------------------
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Apply new values, whose types and ranges rclpy has checked; the first refusal stops."""
-        if not self._applies_parameters:
-            return SetParametersResult(successful=True)
-        for parameter in parameters:
-            successful, reason = _attempt(partial(self._apply, parameter))
-            if not successful:
-                return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+    def _check_parameters(self, names: frozenset[str], settings: SimulatorSettings) -> None:
+        check_speed(settings.speed)
+        if "snapshot" in names:
+            self._snapshots.file(settings.snapshot)
+        if names >= SCENE:
+            raise ParameterError("robot and overrides are set one after the other")
+        for name in names & SCENE:
+            wish = (name, settings.robot if name == "robot" else settings.overrides)
+            if self._tried is None or self._tried.wish != wish:
+                self._tried = Tried(wish, self._prepare(*wish), None)
+            if self._tried.error is not None:
+                error, self._tried = self._tried.error, None
+                raise error
+
+    def _apply_parameters(self, names: frozenset[str], settings: SimulatorSettings) -> None:
+        tried, self._tried = self._tried, None
+        if names & SCENE and tried is not None and tried.built is not None:
+            self._go_on_with(tried.built)
+            if "robot" in names:
+                self._live.store(overrides="")
+        if "enforce_limits" in names:
+            limits = settings.enforce_limits
+            self.physics.call(lambda run: setattr(run, "enforce_limits", limits), shows=False)
+        if "speed" in names:
+            self.physics.set_speed(settings.speed)
+        self._publications.mesh_rate = settings.mesh_rate
+        self._publications.marker_stress = settings.marker_stress
 
     def _take_over_tuning(self) -> None:
         """Make the parameters tell what the loaded snapshot holds."""
-        tunings = self._start_parameters.tunings
-
-        def read(simulation: Simulation) -> dict[str, float | bool]:
-            numbers = {name: tuning.read(simulation) for name, tuning in tunings.items()}
-            return {**numbers, "enforce_limits": simulation.enforce_limits}
-
-        values = self.physics.call(read, shows=False)
-        self._applies_parameters = False
-        try:
-            self.set_parameters([Parameter(name, value=value) for name, value in values.items()])
-        finally:
-            self._applies_parameters = True
-
-    def _apply(self, parameter: Parameter) -> str:
-        name, value = parameter.name, parameter.value
-        if name in self._start_parameters.tunings:
-            tuning, number = self._start_parameters.tunings[name], float(value)
-            self.physics.call(lambda simulation: tuning.write(simulation, number), shows=False)
-        elif name == "robot":
-            self._change_scene(str(value))
-        elif name == "snapshot":
-            self._start_parameters.snapshots.file(str(value))
-        elif name == "overrides":
-            self._apply_overrides(str(value))
-        elif name == "enforce_limits":
-            self.physics.call(
-                lambda simulation: setattr(simulation, "enforce_limits", bool(value)), shows=False
-            )
-        elif name == "speed":
-            self._speed = checked_speed(float(value))
-            self.physics.set_speed(self._speed)
-        elif name == "mesh_rate":
-            self._publications.mesh_rate = float(value)
-        elif name == "marker_stress":
-            self._publications.marker_stress = float(value)
-        return ""
+        values, limits = self.physics.call(
+            lambda simulation: (self._tuning.read(simulation), simulation.enforce_limits), shows=False
+        )
+        self._tuning.store(values)
+        self._live.store(enforce_limits=limits)
 
     # --- diagnostics ----------------------------------------------------------------------------------
 
     def _publish_diagnostics(self) -> None:
         level, sentence, values = health(
-            self.physics.status, self.physics.is_alive, self._speed, self._backend
+            self.physics.status, self.physics.is_alive, self._live.values.speed, self._backend
         )
         self._publish_health(level, sentence, values)
         if self._stage_statistics.get_subscription_count():
@@ -359,9 +383,18 @@ def _answering(
     return answer
 
 
+PROGRAM = Program(
+    name="simulator",
+    about="Simulates one robot or scene in real time.",
+    settings=(SimulatorSettings(), FrameSettings(), PullSettings()),
+    more="Material and damping of the scene are parameters, too: young_modulus, poisson_ratio,"
+    " rayleigh_stiffness, rayleigh_mass, ...; of several bodies BODY.young_modulus.",
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the simulator as a process; returns the exit code."""
-    return run_node(Simulator, args)
+    return run_node(PROGRAM, lambda _: Simulator(), args)
 
 
 if __name__ == "__main__":

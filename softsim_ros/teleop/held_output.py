@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from contextlib import suppress
 from types import TracebackType
 from typing import IO
 
@@ -47,7 +48,8 @@ class HeldOutput:
         self._file.close()
         self._file = None
         if held:
-            os.write(max(self._saved), held)
+            with suppress(OSError):  # the terminal may be gone
+                os.write(max(self._saved), held)
         self._saved.clear()
 
     def _newest(self) -> bytes:
@@ -67,4 +69,5 @@ def _is_terminal(descriptor: int) -> bool:
 def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         if stream is not None and not stream.closed:
-            stream.flush()
+            with suppress(OSError):  # the terminal may be gone
+                stream.flush()

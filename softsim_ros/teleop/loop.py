@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
+from softsim_node.ending import ending
 from softsim_ros.keys.names import KeyPress
 from softsim_ros.teleop.decoder import KeyDecoder
 from softsim_ros.teleop.display import View, frame, render
@@ -40,7 +41,7 @@ class DrivenByKeys(Protocol):
 
 
 def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
-    """Drive the robot from a terminal until a key quits, the context shuts down or the terminal is gone.
+    """Drive the robot from a terminal until a key quits, the process shall end or the terminal is gone.
 
     Args:
         node: The teleop; may share its process with other nodes that spin in threads of their own.
@@ -53,14 +54,14 @@ def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Calla
     except Exception:
         if node.context.ok():
             raise
-        # a signal shut the context down in the middle of a call: an ordinary end
+        # the context was shut down in the middle of a call: an ordinary end
 
 
 def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
     decoder = KeyDecoder()
     shown: tuple[list[str], tuple[int, int]] | None = None
     next_draw = time.monotonic()
-    while node.context.ok() and not node.quit_requested:
+    while node.context.ok() and not (node.quit_requested or ending.asked):
         data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
         if data is None:
             return

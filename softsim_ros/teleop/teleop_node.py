@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -10,18 +9,20 @@ from typing import Any
 from rclpy.executors import SingleThreadedExecutor
 
 from softsim_core.scene import RobotDescription, load_scene
+from softsim_node.help import Program
+from softsim_node.process import run_node
+from softsim_node.spinning import ready_callbacks
 from softsim_ros.client.log import Warnings
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
 from softsim_ros.keys.names import KeyPress
+from softsim_ros.keys.parameters import KeySettings, requested_robot
 from softsim_ros.keys.table import unknown_keys
-from softsim_ros.runtime import ClosableNode, declare_text, parameter_probe, ready_callbacks, run_node
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.teleop.display import View
 from softsim_ros.teleop.held_output import HeldOutput
 from softsim_ros.teleop.loop import run_teleop
 from softsim_ros.teleop.terminal import RawTerminal
-
-DEFAULT_ROBOT = "tripod"
 
 
 class Teleop(ClosableNode):
@@ -39,7 +40,6 @@ class Teleop(ClosableNode):
 
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
         super().__init__("teleop", **{"namespace": robot.name, **node_options})
-        declare_text(self, "robot", robot.name, "name or path of the robot whose keys and joints are used")
         self._message = unknown_keys(robot) or ""
         self.client = RobotClient(self, robot, self.set_status)
         self.keyboard = Keyboard(self, self.client, self.set_status)
@@ -64,16 +64,10 @@ class Teleop(ClosableNode):
         return View(client.robot, client.state, self.keyboard.state, self._message, now, self.get_namespace())
 
 
-def requested_robot() -> str:
-    """The parameter `robot` given to this process, read before the node takes its namespace from it."""
-    with parameter_probe("teleop", namespace=DEFAULT_ROBOT) as probe:
-        return declare_text(probe, "robot", DEFAULT_ROBOT, "name or path of the robot")
-
-
 def drive(node: Teleop) -> None:
     """Keys and display in this terminal until a person or a signal ends it.
 
-    SIGINT and SIGTERM are rclpy's: they shut the context down, and the loop ends in order.
+    SIGINT, SIGTERM and SIGHUP end its loop in order, see `softsim_node.ending`.
 
     Raises:
         NoTerminalError: this terminal cannot be used.
@@ -81,15 +75,22 @@ def drive(node: Teleop) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        with HeldOutput(), RawTerminal(signals=(signal.SIGHUP,)) as terminal:
+        with HeldOutput(), RawTerminal(signals=()) as terminal:
             run_teleop(node, terminal, lambda: ready_callbacks(executor))
     finally:
         executor.shutdown(timeout_sec=0)
 
 
+PROGRAM = Program(
+    name="teleop",
+    about="Drives a robot from this terminal's keys.",
+    settings=(KeySettings(),),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the teleop in this terminal; returns the exit code."""
-    return run_node(lambda: Teleop(load_scene(requested_robot())), args, drive)
+    return run_node(PROGRAM, lambda _: Teleop(load_scene(requested_robot("teleop"))), args, drive)
 
 
 if __name__ == "__main__":

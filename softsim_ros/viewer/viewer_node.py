@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 import sys
 import threading
@@ -18,11 +17,17 @@ from softsim_core.scene import known_scenes, load_yaml
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.portable import without_contents
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.ending import ending
+from softsim_node.help import Program
+from softsim_node.parameters import declare
+from softsim_node.process import run_node
+from softsim_node.spinning import ready_callbacks
 from softsim_ros.client.log import RobotLog, Warnings
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
+from softsim_ros.keys.parameters import KeySettings
 from softsim_ros.keys.table import unknown_keys
-from softsim_ros.runtime import ClosableNode, declare_text, ready_callbacks, run_node
+from softsim_ros.runtime import ClosableNode
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
 from softsim_ros.viewer.page_parts import PageParts
@@ -58,8 +63,7 @@ class Viewer(ClosableNode):
 
     def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
         super().__init__("viewer", **{"namespace": robot.name, **node_options})
-        declare_text(self, "robot", robot.name, "name of the robot, which is its namespace")
-        self._settings = settings = settings.declare(self)
+        self._settings = settings = declare(self, settings)
         token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
@@ -103,11 +107,6 @@ class Viewer(ClosableNode):
     def address(self) -> str:
         """What a person opens in a browser."""
         return self._server.rule.address
-
-    @property
-    def is_orphan(self) -> bool:
-        """Whether the program that started this one has ended, however."""
-        return self._settings.parent not in (0, os.getppid())
 
     def close(self) -> None:
         """Close the page and end the node; a second call does nothing."""
@@ -167,13 +166,13 @@ class Viewer(ClosableNode):
 
 
 def serve(node: Viewer) -> None:
-    """Frames until the context shuts down; callbacks are taken once a frame, so old messages cost nothing."""
+    """Frames until the process shall end; callbacks are taken once a frame, so old messages cost nothing."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     pause = threading.Event()
     due = time.monotonic()
     try:
-        while node.context.ok() and not node.is_orphan:
+        while node.context.ok() and not ending.asked:
             ready_callbacks(executor)
             now = time.monotonic()
             node.frame(now)
@@ -210,9 +209,16 @@ def announced_viewer() -> Viewer:
     return node
 
 
+PROGRAM = Program(
+    name="viewer",
+    about="Shows a robot in a web page, and drives it from there.",
+    settings=(KeySettings(), ViewerSettings()),
+)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Serve the page until Ctrl-C or SIGTERM; returns the exit code."""
-    return run_node(announced_viewer, args, serve)
+    return run_node(PROGRAM, lambda _: announced_viewer(), args, serve)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from softsim_core import Pose, Simulation, load_scene
 from softsim_core.arrays import Array
@@ -19,6 +20,9 @@ MARGIN = 0.1 * (UPPER - LOWER)
 
 START, SHIFT = np.full(3, -1.4965), 0.035
 """Joints in [rad] and base shift in [m] at the end of the start move."""
+
+COUNTS = [50, pytest.param(200, marks=pytest.mark.exhaustive)]
+"""How many goals a test goes to: in the suite, and where there is time."""
 
 
 def tripod_at_start() -> Simulation:

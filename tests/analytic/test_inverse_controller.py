@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from inverse_goals import LOWER, SHIFT, START, UPPER, goals
+from inverse_goals import COUNTS, LOWER, SHIFT, START, UPPER, goals
 
 from softsim_core import Pose, Simulation, load_scene
 from softsim_core.arrays import Array
@@ -55,13 +55,14 @@ def assert_kept(before: Array, report: InverseReport) -> None:
 
 @pytest.mark.slow
 @pytest.mark.numba
-def test_200_goals_within_half_a_second_from_the_start_pose(
-    standing: tuple[InverseController, bytes],
+@pytest.mark.parametrize("count", COUNTS)
+def test_goals_within_half_a_second_from_the_start_pose(
+    standing: tuple[InverseController, bytes], count: int
 ) -> None:
     """Goals whose joints are at most 1 rad from the start pose: 0.29 s of travel at the servos' speed."""
     pytest.importorskip("numba")
     controller = standing[0]
-    for _, goal in goals(200, seed=3, reach=1.0):
+    for _, goal in goals(count, seed=3, reach=1.0):
         begin(*standing)
         controller.set_goal(goal)
         before = controller.command
@@ -94,13 +95,14 @@ def test_goals_with_the_qr_law() -> None:
 
 @pytest.mark.slow
 @pytest.mark.numba
-def test_200_goals_out_of_reach_in_a_row(standing: tuple[InverseController, bytes]) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_goals_out_of_reach_in_a_row(standing: tuple[InverseController, bytes], count: int) -> None:
     """Goal jumps from one to the next, 0.1 m to 10 m from the middle; each ends steady and says so."""
     pytest.importorskip("numba")
     begin(*standing)
     controller, rng = standing[0], np.random.default_rng(4)
     before = controller.command
-    for distance in np.geomspace(0.1, 10.0, 200):
+    for distance in np.geomspace(0.1, 10.0, count):
         direction = rng.normal(size=3)
         place_of_goal = np.array([0.0, 0.0, 0.035]) + distance * direction / np.linalg.norm(direction)
         controller.set_goal(Pose(place_of_goal, np.array([0.0, 0.0, 0.0, 1.0])))

@@ -170,7 +170,7 @@ def test_an_imu_board_takes_text_and_its_tilts_are_published(
         assert imu_board.lines[0] == b"150 150 150"
         assert wait_until(lambda: bool(messages))
         message = messages[-1]
-        assert message.header.frame_id == "tripod_effector"
+        assert message.header.frame_id == "tripod/effector"
         q = message.orientation
         up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
         assert math.degrees(math.asin(up[1])) == pytest.approx(-20.0)  # about x: the second number

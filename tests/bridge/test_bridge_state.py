@@ -15,6 +15,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.bridge_node import ServoBridge
+from servo_bridge.e_stop import EStop
+from servo_bridge.e_stop_services import EStopServices
 from softsim_ros.messages.state_topics import STATE_TOPICS
 from softsim_ros.state_listener import StateListener
 
@@ -67,3 +69,21 @@ def test_the_bridge_tells_its_state(
         assert becomes(state=None, e_stop_latched=None)
     through = ["unconfigured", "configuring", "inactive", "active", "deactivating", "inactive"]
     assert [label for label in labels if label not in ("activating", "cleaningup")][:6] == through
+
+
+def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
+    def fail() -> None:
+        raise RuntimeError("no publisher")
+
+    bridge = Node("servo_bridge", context=client.context, namespace="tripod")
+    e_stop = EStop()
+    services = EStopServices(bridge, e_stop, fail)
+    try:
+        e_stop.heed()
+        assert client.trigger("servo_bridge/e_stop").success
+        assert e_stop.latched
+        assert client.trigger("servo_bridge/clear_e_stop").success
+        assert not e_stop.latched
+    finally:
+        services.close()
+        bridge.destroy_node()

@@ -179,12 +179,13 @@ def test_telemetry_tells_the_widths_on_the_pins(board: EmulatedBoard) -> None:
 
 
 @pytest.mark.slow
-def test_fuzzed_bytes(board: EmulatedBoard) -> None:
-    """100 000 bytes: uniform, and drawn from those that mean something, so that whole packets come about."""
+@pytest.mark.parametrize("pieces", [500, pytest.param(5000, marks=pytest.mark.exhaustive)])
+def test_fuzzed_bytes(board: EmulatedBoard, pieces: int) -> None:
+    """Uniform bytes, and those that mean something, so that whole packets come about; 200 in a piece."""
     draw = random.Random(6)
     alphabet = [255, 255, 254, 0x81, 0x84, 60, 90, 120, 150, 180, *range(0x80, 0xC0, 7)]
     model = Model()
-    for index in range(500):
+    for index in range(pieces):
         if index % 2:
             data = draw.randbytes(200)
         else:

@@ -10,12 +10,13 @@ import subprocess
 import sys
 import threading
 import time
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = {"softsim_core", "softsim_ros", "servo_bridge", "softsim_bringup"}
+PACKAGES = {"softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "softsim_bringup"}
 EXECUTABLES = {
     "softsim_ros": {"simulator", "teleop", "softsim"},
     "servo_bridge": {"servo_bridge", "virtual_board", "emulated_board"},
@@ -24,16 +25,25 @@ EXECUTABLES = {
 pytestmark = [pytest.mark.slow, pytest.mark.ros]
 
 
-@pytest.fixture(scope="module", params=["copied", "symlinked"])
+@pytest.fixture(scope="module", params=["released", "symlinked"])
 def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A built copy of ros2_ws, beside copies of the packages its links lead to."""
+    """ros2_ws, built: what bloom would release, alone; and a copy beside copies of what its links lead to."""
     pytest.importorskip("rclpy")
     if shutil.which("colcon", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}") is None:
         pytest.skip("colcon is not installed (pip install 'softsim[colcon]')")
     checkout = tmp_path_factory.mktemp(request.param)
-    for name in ("ros2_ws", "softsim_core", "softsim_ros", "servo_bridge", "configs"):
-        skipped = shutil.ignore_patterns("__pycache__", "build", "install", "log")
-        shutil.copytree(REPOSITORY / name, checkout / name, symlinks=True, ignore=skipped)
+    if request.param == "released":
+        subprocess.run(
+            [sys.executable, REPOSITORY / "ros2_ws" / "release_tree.py", checkout / "ros2_ws" / "src"],
+            check=True,
+        )
+        assert not [file for file in checkout.rglob("*") if file.is_symlink()]
+    else:
+        skipped = shutil.ignore_patterns("__pycache__", "build", "install", "log", ".venv")
+        packages = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+        for name in ("ros2_ws", *packages, "configs", "examples", "tests"):
+            shutil.copytree(REPOSITORY / name, checkout / name, symlinks=True, ignore=skipped)
+        shutil.copy(REPOSITORY / "pyproject.toml", checkout)
     mode = ["--symlink-install"] if request.param == "symlinked" else []
     done = subprocess.run(
         [sys.executable, "-m", "colcon", "build", *mode],
@@ -45,7 +55,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 packages finished" in done.stdout
+    assert "5 packages finished" in done.stdout
     return checkout / "ros2_ws"
 
 
@@ -69,8 +79,44 @@ def test_every_package_and_executable_is_installed(workspace: Path) -> None:
     for package, names in EXECUTABLES.items():
         assert names <= {file.name for file in (install / package / "lib" / package).iterdir()}
     share = install / "softsim_bringup" / "share" / "softsim_bringup"
-    for file in ("launch/tripod.launch.py", "rviz/softsim.rviz", "configs/robots/tripod.yaml"):
+    for file in (
+        "launch/robot.launch.py",
+        "launch/tripod.launch.py",
+        "control/tripod_controllers.yaml",
+        "foxglove/tripod_foxglove.json",
+        "rviz/tripod.rviz",
+        "configs/robots/tripod.yaml",
+    ):
         assert (share / file).is_file()
+
+
+def test_colcon_test_finds_tests_in_every_package_and_runs_them(workspace: Path, tmp_path: Path) -> None:
+    if not (workspace.parent / "tests").exists():
+        pytest.skip("a released tree has no tests of the whole suite")
+    for words in (
+        ("--pytest-args", "--collect-only"),
+        (
+            "--packages-select",
+            "softsim_bringup",
+            "--pytest-args",
+            "-k",
+            "robot_gets or carry_the_project",
+        ),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "colcon", "test", "--return-code-on-test-failure", *words],
+            cwd=workspace,
+            env=plain_environment(tmp_path),
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "failed" not in done.stdout
+    report = ElementTree.parse(workspace / "build" / "softsim_bringup" / "pytest.xml").find("testsuite")
+    assert report is not None
+    assert (report.get("tests"), report.get("failures"), report.get("errors")) == ("5", "0", "0")
 
 
 def test_configs_are_found_from_elsewhere(workspace: Path, tmp_path: Path) -> None:

@@ -1,23 +1,21 @@
-"""What the project declares fits what it uses: pins, ROS dependencies, versions, the launch file."""
+"""What the project declares fits what it uses: pins, ROS dependencies, versions."""
 
 from __future__ import annotations
 
 import ast
 import re
 import sys
-import types
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, ClassVar
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 WORKSPACE = REPOSITORY / "ros2_ws" / "src"
-PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 ROSDEP = {
     "numpy": "python3-numpy", "scipy": "python3-scipy", "numba": "python3-numba", "meshio": "python3-meshio",
-    "yaml": "python3-yaml", "serial": "python3-serial",
+    "yaml": "python3-yaml", "serial": "python3-serial", "matplotlib": "python3-matplotlib",
 }  # fmt: skip
 WITHOUT_KEY = {"cattrs"}  # rosdep has no key for it; the package.xml says what to install
 
@@ -79,6 +77,31 @@ def test_the_workspace_links_to_the_packages(package: str) -> None:
     assert link.resolve() == REPOSITORY / package
 
 
+def test_what_a_launch_starts_is_named_in_package_xml() -> None:
+    root = ElementTree.parse(WORKSPACE / "softsim_bringup" / "package.xml").getroot()
+    declared = {element.text for element in root.iter("exec_depend")}
+    plan = (REPOSITORY / "softsim_ros" / "launch_plan.py").read_text()
+    started = set(re.findall(r'PlannedNode\(\s*"([a-z0-9_]+)"', plan))
+    assert {"softsim_ros", "servo_bridge", "controller_manager", "rviz2"} <= started <= declared
+    files = (WORKSPACE / "softsim_bringup" / "launch").glob("*.py")
+    modules = {
+        node.module.split(".")[0]
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+    }
+    assert modules - set(sys.stdlib_module_names) <= declared
+
+
+def test_what_pip_adds_under_ubuntu_is_what_the_project_asks_for() -> None:
+    project = (REPOSITORY / "pyproject.toml").read_text()
+    asked = set(re.findall(r'^\s+"([a-z0-9]+[<>=][^";]*)"', project, re.MULTILINE))
+    lines = (REPOSITORY / "ros2_ws" / "pip-requirements.txt").read_text().splitlines()
+    added = {line.partition("#")[0].strip() for line in lines} - {""}
+    assert added <= asked
+    assert {"daqp", "viser", "rosbags"} <= {re.split("[<>=]", each)[0] for each in added}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_xml_names_what_the_code_imports(package: str) -> None:
@@ -86,94 +109,6 @@ def test_package_xml_names_what_the_code_imports(package: str) -> None:
     declared = {element.text for element in root.iter("exec_depend")}
     used = imports(package) - {package} - WITHOUT_KEY
     # optional imports, behind a test whether they are there
-    used -= {"daqp", "matplotlib", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser"}
+    used -= {"daqp", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser"}
     used -= {"websockets", "imageio", "msgspec", "lz4"}  # viser's own, and rosbags'
     assert {ROSDEP.get(name, name) for name in used} - declared == set()
-
-
-# `launch` is not on PyPI: these stand in for it with the keywords its documentation gives, and only record.
-
-DOCUMENTED = {
-    "launch": {"LaunchDescription": {"initial_entities"}},
-    "launch.actions": {
-        "DeclareLaunchArgument": {"name", "default_value", "description", "choices", "condition"},
-        "LogInfo": {"msg", "condition"},
-        "Shutdown": {"reason", "condition"},
-    },
-    "launch.conditions": {"IfCondition": {"predicate_expression"}},
-    "launch.substitutions": {
-        "EnvironmentVariable": {"name", "default_value"},
-        "EqualsSubstitution": {"left", "right"},
-        "IfElseSubstitution": {"condition", "if_value", "else_value"},
-        "LaunchConfiguration": {"variable_name", "default"},
-        "PathJoinSubstitution": {"substitutions"},
-    },
-    "launch_ros": {},
-    "launch_ros.actions": {
-        "Node": {
-            "executable", "package", "name", "namespace", "exec_name", "parameters", "remappings",
-            "arguments", "ros_arguments", "output", "condition", "on_exit", "respawn", "emulate_tty",
-        }
-    },
-    "launch_ros.parameter_descriptions": {"ParameterValue": {"value", "value_type"}},
-    "launch_ros.substitutions": {"FindPackageShare": {"package"}},
-}  # fmt: skip
-
-
-class Recorded:
-    allowed: ClassVar[set[str]] = set()
-
-    def __init__(self, *positional: Any, **keywords: Any) -> None:
-        unknown = set(keywords) - self.allowed
-        assert not unknown, f"{type(self).__name__} has no {unknown}"
-        self.positional, self.keywords = positional, keywords
-
-
-@pytest.fixture
-def described(monkeypatch: pytest.MonkeyPatch) -> list[Recorded]:
-    """The entities of tripod.launch.py, as recorded by the stand-ins."""
-    for module_name, classes in DOCUMENTED.items():
-        module = types.ModuleType(module_name)
-        for name, allowed in classes.items():
-            setattr(module, name, type(name, (Recorded,), {"allowed": allowed}))
-        monkeypatch.setitem(sys.modules, module_name, module)
-    file = WORKSPACE / "softsim_bringup" / "launch" / "tripod.launch.py"
-    space: dict[str, Any] = {}
-    exec(compile(file.read_text(), str(file), "exec"), space)
-    entities: list[Recorded] = space["generate_launch_description"]().positional[0]
-    return entities
-
-
-def test_the_launch_file_starts_what_is_installed(described: list[Recorded]) -> None:
-    arguments = {
-        entity.positional[0] for entity in described if type(entity).__name__ == "DeclareLaunchArgument"
-    }
-    assert arguments == {"robot", "namespace", "port", "source", "autostart", "inverse", "rviz"}
-    nodes = [entity.keywords for entity in described if type(entity).__name__ == "Node"]
-    started = {(node["package"], node["executable"]) for node in nodes}
-    ours = started - {("rviz2", "rviz2")}
-    assert ours == {
-        ("softsim_ros", "simulator"),
-        ("softsim_ros", "inverse_controller"),
-        ("servo_bridge", "servo_bridge"),
-        ("servo_bridge", "virtual_board"),
-    }
-    for package, executable in ours:
-        assert f'"{executable} = ' in (WORKSPACE / package / "setup.py").read_text()
-    assert all("namespace" in node for node in nodes)
-
-
-def test_the_launch_file_sets_parameters_that_exist(described: list[Recorded]) -> None:
-    sources = {
-        "simulator": REPOSITORY / "softsim_ros" / "simulator",
-        "inverse_controller": REPOSITORY / "softsim_ros" / "simulator",  # `robot`, declared for both there
-        "servo_bridge": REPOSITORY / "servo_bridge",
-        "virtual_board": REPOSITORY / "servo_bridge",
-    }
-    for entity in described:
-        if type(entity).__name__ != "Node" or entity.keywords["executable"] not in sources:
-            continue
-        text = "".join(file.read_text() for file in sources[entity.keywords["executable"]].glob("*.py"))
-        for parameters in entity.keywords["parameters"]:
-            for name in parameters:
-                assert f'"{name}"' in text, f"{entity.keywords['executable']} declares no parameter {name}"

@@ -51,7 +51,7 @@ def robot_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         stamp = messages.time_message(simulation.time)
         states = messages.joint_state(
             stamp,
-            "tripod_base",
+            "tripod/base_link",
             simulation.joint_names,
             simulation.joint_positions,
             simulation.joint_velocities,

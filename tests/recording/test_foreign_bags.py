@@ -78,7 +78,9 @@ def test_no_flipped_bit_changes_a_number(tmp_path: Path, seed: int) -> None:
         assert len(str(caught.value)) < 300 + len(str(tmp_path))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.exhaustive) for k in range(4, 34))]
+)
 def test_a_damaged_bag_is_read_whole_or_refused_in_a_sentence(tmp_path: Path, seed: int) -> None:
     write(tmp_path / "bag", rows(100)).close()
     file, rng = tmp_path / "bag" / "bag.mcap", np.random.default_rng(100 + seed)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from headless_browser import ARGUMENTS, NOTHING_IS_DRAWN, chromium_path
 
 pytest.importorskip("rosbags")
 
@@ -18,26 +17,18 @@ from softsim_ros.cli import main
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 READY_MS = 60_000
-ARGUMENTS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-dev-shm-usage",
-)
 MESH = "window.__viserMutable?.nodeRefFromName"
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: Any) -> Iterator[Any]:
-    chromium = shutil.which("chromium")
-    if chromium is None and not os.environ.get("REQUIRE_CHROMIUM"):
-        pytest.skip("no chromium here (apt install chromium)")
+    chromium = chromium_path()
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as playwright:
         context = playwright.chromium.launch_persistent_context(
             tmp_path_factory.mktemp("profile"), executable_path=chromium, headless=True, args=list(ARGUMENTS)
         )
+        context.add_init_script(NOTHING_IS_DRAWN)
         yield context
         context.close()
 

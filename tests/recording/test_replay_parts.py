@@ -40,6 +40,8 @@ def test_the_clock_runs_at_its_speed_stops_and_jumps() -> None:
         ("/tripod/inverse_controller/model_pose", True),
         ("/tripod/mesh/marker", False),
         ("/tripod/step_profile", False),
+        ("/tripod/recorder/enabled", False),
+        ("/tripod/simulator/paused", True),
         ("/tripod_2/joint_states", False),
         ("/diagnostics", True),
         ("/rosout", False),

@@ -202,7 +202,8 @@ def test_gains_change_while_it_runs(start_loop: Any) -> None:
     gains = loop._loop.controller.gains
     assert (gains.integral, gains.saturation) == (1.0, 0.3)
     refused = loop.set_parameters([Parameter("rate", value=10.0)])[0]
-    assert (refused.successful, refused.reason) == (False, "rate is set at start; restart the node")
+    assert not refused.successful
+    assert "read-only" in refused.reason
 
 
 def test_a_log_in_no_folder(start_loop: Any, tmp_path: Path) -> None:

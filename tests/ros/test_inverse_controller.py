@@ -22,6 +22,7 @@ from std_msgs.msg import Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from softsim_ros.messages import diagnostic_values  # noqa: E402
+from softsim_ros.state_listener import StateListener  # noqa: E402
 
 CONTROLLER = "softsim_ros.inverse.inverse_node"
 NAME = "tripod/inverse_controller"
@@ -39,6 +40,7 @@ class Control:
         self.states = self.client.collect(JointState, "joint_states", 1)
         self.commands = self.client.collect(Float64MultiArray, "position_controller/commands", 200)
         self.reports = self.client.collect(DiagnosticArray, "/diagnostics")
+        self.enabled = StateListener(self.client.node, "inverse_controller/enabled")
 
     def enable(self, enabled: bool = True) -> tuple[bool, str]:
         answer = self.client.call(SetBool, "inverse_controller/enable", SetBool.Request(data=enabled))
@@ -123,7 +125,9 @@ def control(controller: Any, tripod: Any, spin_until: Callable[..., bool]) -> It
 def test_the_effector_comes_to_the_goal_and_stays(control: Control) -> None:
     assert control.is_quiet()
     before = control.effector
+    assert control.enabled.value is False
     assert control.enable()[0]
+    assert control.spin_until(lambda: control.enabled.value is True)
     assert control.spin_until(lambda: len(control.commands) > 20)
     assert np.linalg.norm(control.effector - before) < 1e-3  # enabling moves nothing
     for shift in ((0.004, 0.0, 0.006), (-0.002, 0.006, 0.003)):
@@ -143,7 +147,7 @@ def test_the_effector_comes_to_the_goal_and_stays(control: Control) -> None:
     [
         ((math.nan, 0.0, 0.03, "world"), "is not finite"),
         ((0.0, 0.0, math.inf, "world"), "is not finite"),
-        ((0.0, 0.0, 0.03, "camera"), "unknown frame_id 'camera'; allowed: world, tripod_base"),
+        ((0.0, 0.0, 0.03, "camera"), "unknown frame_id 'camera'; allowed: world, tripod/base_link"),
     ],
 )
 def test_a_goal_that_makes_no_sense_is_refused(control: Control, goal: Any, sentence: str) -> None:
@@ -252,7 +256,7 @@ def test_weights_change_at_run_time(control: Control) -> None:
         assert not put("gain", 2.0)[0]
         assert put("feedback", "telepathy") == (
             False,
-            "feedback 'telepathy' is refused; allowed is none, effector_pose, imu",
+            "parameter feedback = 'telepathy' is refused; allowed is one of: none, effector_pose, imu",
         )
     finally:
         assert put("position_weights", [1.0, 1.0, 1.0])[0]

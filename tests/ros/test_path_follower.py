@@ -204,7 +204,7 @@ def test_a_path_comes_as_a_message(start_follower: Any, client: Any, spin_until:
         "there is no path; set the parameter file, or send one on the topic path",
     )
     for wrong, sentence in (
-        (path_message(frame="moon"), "unknown frame_id 'moon'; allowed: world, tripod_base"),
+        (path_message(frame="moon"), "unknown frame_id 'moon'; allowed: world, tripod/base_link"),
         (path_message(spacing=0.0), "path refused at pose 1: times must be >= 0 s and strictly increasing"),
     ):
         client.publish("path", wrong)

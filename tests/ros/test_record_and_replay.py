@@ -15,10 +15,12 @@ pytest.importorskip("rosbags")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import STATE_QOS
 from softsim_ros.recording.bag import Bag
+from softsim_ros.state_listener import StateListener
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -68,6 +70,7 @@ def test_everything_of_the_robot_is_in_the_bag(session: tuple[Path, list[bytes]]
     assert seen["/tripod/joint_states"] == pytest.approx(seen["/tripod/effector_pose"], abs=200)
     assert seen["/tripod/mesh/points"] > 3
     assert seen["/diagnostics"] > 0
+    assert seen["/tripod/simulator/paused"] == 1
     assert "/tripod/mesh/marker" not in seen
 
 
@@ -142,14 +145,18 @@ def test_a_whole_replay_pauses_loops_and_ends_on_a_signal(
     recorded = counts(session[0])["/tripod/joint_states"]
     assert spin_until(lambda: len(states) > 3, READY_S), replay.output
     assert client.call(SetBool, "/copy/replay/pause", SetBool.Request(data=True)).message == "paused"
+    paused = client.collect(Bool, "/copy/replay/paused", STATE_QOS)
+    assert spin_until(lambda: [each.data for each in paused] == [True])
     assert client.call(SetBool, "/copy/replay/pause", SetBool.Request(data=False)).message == "playing"
+    assert spin_until(lambda: [each.data for each in paused] == [True, False])
+    assert client.node.count_publishers("/copy/simulator/paused") == 0
     assert spin_until(lambda: len(states) > recorded + 3, READY_S), replay.output  # the second round
     assert replay.end() == 0
     assert "Traceback" not in replay.output
 
 
 def test_the_recorder_node_begins_and_ends_when_told(
-    running_tripod: Any, start_process: Callable[..., Any], client: Any, tmp_path: Path
+    running_tripod: Any, start_process: Callable[..., Any], client: Any, spin_until: Any, tmp_path: Path
 ) -> None:
     node = "softsim_ros.recording.recorder_node"
     folder = tmp_path / "told"
@@ -160,7 +167,9 @@ def test_the_recorder_node_begins_and_ends_when_told(
         return answer.success, answer.message
 
     assert enable(False) == (False, "nothing is being recorded")
+    enabled = StateListener(client.node, "recorder/enabled")
     assert enable(True) == (True, f"recording to {folder}")
+    assert spin_until(lambda: enabled.value is True)
     assert not enable(True)[0]
     ended, sentence = enable(False)
     assert ended

@@ -44,7 +44,7 @@ def test_a_command_moves_the_joints_and_the_effector(tripod: Any, spin_until: An
     tripod.command(MID)
     assert reaches(states, MID, spin_until)
     assert states[-1].name == ["servo_0", "servo_1", "servo_2"]
-    assert states[-1].header.frame_id == "tripod_base"
+    assert states[-1].header.frame_id == "tripod/base_link"
     assert poses[-1].header.frame_id == "world"
     assert all(effort != 0.0 for effort in states[-1].effort)
     assert max(abs(each.pose.position.z - height) for each in poses) > 1e-3  # on its way

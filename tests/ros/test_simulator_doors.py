@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from node_processes import Client, parameter_words
+from node_processes import DEADLINE_S, Client, parameter_words, spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -99,6 +100,55 @@ def test_code_of_an_allowed_folder_runs(
         client.close()
 
 
+def test_while_another_scene_is_built_services_answer(
+    tripod: Any, start_process: Any, ros_domain: int, tmp_path: Path
+) -> None:
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    gate, scene = tmp_path / "gate", tmp_path / "patient.py"
+    os.mkfifo(gate)
+    scene.write_text(f"""
+from softsim_core.scene import load_scene
+def create_scene(*_):
+    open({str(gate)!r}).read()
+    raise LookupError("nothing here")
+""")
+    process = start_process(
+        "softsim_ros.simulator.simulator_node",
+        *("--ros-args", "-r", "__ns:=/patient", *parameter_words(robot="held_centre", allow_code=tmp_path)),
+    )
+    assert process.says("simulating"), process.output
+    client = Client(ros_domain, "patient")
+    try:
+        patient = type(tripod)(process, client)
+        setter = client.node.create_client(SetParameters, "simulator/set_parameters")
+        assert setter.wait_for_service(DEADLINE_S)
+
+        def wish(robot: str) -> Any:
+            message = Parameter("robot", value=robot).to_parameter_msg()
+            return setter.call_async(SetParameters.Request(parameters=[message]))
+
+        def reason(answer: Any) -> str:
+            return str(answer.result().results[0].reason)
+
+        answer = wish("patient")
+        with gate.open("w"):  # opens once the scene's code runs
+            assert patient.pause(True)[0]
+            assert patient.trigger("step")[0]
+            assert patient.set_parameters(speed=2.0) == (True, "")
+            others = [wish("no_such_robot") for _ in range(4)]
+            assert spin_until(others[-1].done)  # no more than three wait
+            assert "another scene is being loaded" in reason(others[-1])
+            assert not any(each.done() for each in (answer, *others[:-1]))
+        assert spin_until(lambda: all(each.done() for each in (answer, *others)))
+        assert "nothing here" in reason(answer)
+        assert all("known" in reason(each) for each in others[:-1])
+        assert patient.get_parameter("robot") == "held_centre"
+    finally:
+        client.close()
+
+
 @pytest.mark.parametrize("name", ["~nobody/x", "a" * 5000, "../tripod", "", "x" + 300 * "/y"])
 def test_names_that_cannot_be_are_refused(tripod: Any, lives: Any, name: str) -> None:
     refused(tripod, robot=name)
@@ -129,7 +179,12 @@ def test_overrides_are_bounded_and_name_no_other_file(tripod: Any, tmp_path: Pat
     mesh = tmp_path / "other.vtk"
     mesh.write_text("not a mesh")
     text = f"bodies: [{{name: silicone, mesh: {{file: {mesh}}}}}]"
-    assert "name other files than the scene does" in refused(tripod, overrides=text)
+    there = refused(tripod, overrides=text)
+    assert "name other files than the scene does" in there
+    mesh.unlink()
+    assert refused(tripod, overrides=text) == there  # nobody looked whether it is there
+    for wish in ("extends: /etc/hostname", "bodies: [{name: silicone, thing: ~root/x}]"):
+        assert "name other files than the scene does" in refused(tripod, overrides=wish)
     assert lives()
 
 

@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.errors import CommandError  # noqa: E402
+from softsim_core.mechanics.pose import rotation_of  # noqa: E402
 from softsim_ros import messages  # noqa: E402
 from softsim_ros.simulator.objects import (  # noqa: E402
     FORCE_LENGTH,
@@ -36,8 +37,9 @@ def rows(points: Any) -> np.ndarray:
 
 def test_bodies_are_triangles_in_their_own_frames() -> None:
     simulation = Simulation(load_scene("gripper_step_1"))
-    floor, cube = bodies_topology(simulation).markers
+    floor, cube = bodies_topology(simulation, lambda number, name: f"r/{name}_{number}").markers
     assert (floor.ns, cube.ns) == ("floor", "cube")
+    assert (cube.header.frame_id, cube.frame_locked) == ("r/cube_1", True)
     assert cube.type == Marker.TRIANGLE_LIST
     assert len(cube.points) == 36
     np.testing.assert_allclose(np.abs(rows(cube.points)), 0.02)
@@ -105,12 +107,26 @@ def test_moving_markers_are_those_built_from_objects(scene: str) -> None:
 def test_a_pull_on_a_point_or_frame_keeps_its_sum() -> None:
     simulation = Simulation(load_scene("tripod"), backend="scipy")
     force = np.array([1.0, -2.0, 0.5])
-    for place in ("mesh_point/0", "mesh_point/100", "centre", "tripod_effector"):
+    for place in ("mesh_point/0", "mesh_point/100", "centre"):
         forces = pulled_nodes(simulation, place, force)
         np.testing.assert_allclose(forces.sum(axis=0), force, atol=1e-12)
     for place in ("mesh_point/99999", "mesh_point/-1", "servo_0", ""):
         with pytest.raises(CommandError, match=r"no place .* mesh_point/0 to mesh_point/\d+.*centre"):
             pulled_nodes(simulation, place, force)
+
+
+def test_a_pull_on_a_frame_has_its_axes_and_on_a_point_the_world_s() -> None:
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    simulation.command(np.array([-1.0, -0.5, -0.5]))
+    for _ in range(30):
+        simulation.step()
+    force = np.array([0.0, 0.0, 1.0])
+    turn = rotation_of(simulation.frames()["centre"].quaternion_xyzw)
+    assert np.linalg.norm(turn @ force - force) > 0.02
+    np.testing.assert_allclose(
+        pulled_nodes(simulation, "centre", force).sum(axis=0), turn @ force, atol=1e-12
+    )
+    np.testing.assert_allclose(pulled_nodes(simulation, "mesh_point/0", force).sum(axis=0), force, atol=1e-12)
 
 
 def test_forces_are_shortened_and_checked() -> None:
@@ -126,7 +142,7 @@ def test_a_pull_moves_the_body_and_is_let_go(tripod: Any, spin_until: Any) -> No
     poses = tripod.client.collect(PoseStamped, "effector_pose")
     assert spin_until(lambda: poses)
     message = WrenchStamped()
-    message.header.frame_id = "tripod_effector"
+    message.header.frame_id = "tripod/effector"
     message.wrench.force.y = 5.0
 
     def pulled() -> bool:
@@ -134,6 +150,9 @@ def test_a_pull_moves_the_body_and_is_let_go(tripod: Any, spin_until: Any) -> No
         return bool(abs(poses[-1].pose.position.y) > 1e-3)
 
     assert spin_until(pulled)
+    message.wrench.torque.x = 0.1
+    tripod.client.publish("external_wrench", message)
+    assert tripod.warns("pull refused: only forces pull; leave the torque 0")
     assert spin_until(lambda: abs(poses[-1].pose.position.y) < 1e-4)
 
 

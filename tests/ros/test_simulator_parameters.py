@@ -51,6 +51,17 @@ def test_wrong_values_are_refused_and_change_nothing(tripod: Any, name: str, val
     assert tripod.get_parameter(name) == before
 
 
+@pytest.mark.parametrize("bad", [{"poisson_ratio": 0.6}, {"snapshot": "../x"}, {"speed": 1e-9}])
+def test_one_bad_value_keeps_all_of_them_out(tripod: Any, bad: dict[str, object]) -> None:
+    before = tripod.get_parameter("young_modulus")
+    assert not tripod.set_parameters(mesh_rate=7.0, young_modulus=99.0e3, **bad)[0]
+    assert tripod.get_parameter("mesh_rate") != 7.0
+    assert tripod.get_parameter("young_modulus") == before
+    assert tripod.trigger("save")[0]
+    assert tripod.trigger("load")[0]  # the parameters tell what the simulation really has
+    assert tripod.get_parameter("young_modulus") == before
+
+
 @pytest.mark.parametrize("name", ["backend", "out_of_range"])
 def test_what_is_fixed_at_the_start_is_read_only(tripod: Any, name: str) -> None:
     success, sentence = tripod.set_parameters(**{name: "scipy"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
 from shape_msgs.msg import Mesh  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
 from softsim_ros.messages import diagnostic_values, read_point_cloud  # noqa: E402
@@ -106,6 +108,16 @@ def test_the_mesh_rate_is_kept_and_zero_stops_it(tripod: Any, spin_until: Any) -
     assert tripod.set_parameters(mesh_rate=30.0)[0]
 
 
+def test_a_late_joiner_gets_the_robot_s_description(tripod: Any, spin_until: Any) -> None:
+    descriptions = tripod.client.collect(String, "robot_description", LATCHED)
+    states = tripod.client.collect(JointState, "joint_states")
+    assert spin_until(lambda: descriptions and states)
+    root = ElementTree.fromstring(descriptions[0].data)
+    assert {joint.get("name") for joint in root.findall("joint[@type='revolute']")} == set(states[-1].name)
+    topic = root.findtext("ros2_control/hardware/param[@name='joint_commands_topic']")
+    assert topic == "/tripod/joint_commands"
+
+
 def test_transforms_lead_from_the_world_to_every_horn(tripod: Any, spin_until: Any) -> None:
     message_type = pytest.importorskip("tf2_msgs.msg").TFMessage
     fixed = tripod.client.collect(message_type, "/tf_static", LATCHED)
@@ -116,5 +128,5 @@ def test_transforms_lead_from_the_world_to_every_horn(tripod: Any, spin_until: A
         for message in (fixed[0], moving[-1])
         for link in message.transforms
     }
-    assert {("world", "tripod_base"), ("tripod_base", "tripod_effector")} <= links
-    assert {("tripod_base", f"servo_{i}_horn") for i in range(3)} <= links
+    assert {("world", "tripod/base_link"), ("tripod/base_link", "tripod/effector")} <= links
+    assert {(f"tripod/servo_{i}_base", f"tripod/servo_{i}_horn") for i in range(3)} <= links

@@ -354,7 +354,8 @@ def test_refusals_are_one_sentence(arguments: list[str], wanted: str) -> None:
     )
     assert result.returncode == 1
     assert "Traceback" not in result.stderr
-    assert result.stderr.count("\n") == 1, result.stderr
+    said = [line for line in result.stderr.splitlines() if "reached by" not in line]
+    assert len(said) == 1, result.stderr
     assert wanted in result.stderr
 
 

@@ -85,10 +85,10 @@ def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch
 
 
 def test_an_open_network_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    assert ros.discovery()[0].level is Level.WARNING
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    assert ros.discovery()[0].level is Level.OK
+    monkeypatch.setenv("SOFTSIM_DISCOVERY_RANGE", "SUBNET")
+    assert ros.reach()[0].level is Level.WARNING
+    monkeypatch.delenv("SOFTSIM_DISCOVERY_RANGE")
+    assert ros.reach()[0].level is Level.OK
 
 
 def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,3 +107,14 @@ def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: py
     (finding,) = ports.emulated_board()
     assert finding.level is Level.OK
     assert "install it" in finding.text
+
+
+def test_what_is_lost_without_each_optional_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = {finding.subject: finding.level for finding in house.optional_packages()}
+    assert set(installed) == {"daqp", "viser", "rosbags", "matplotlib"}
+    monkeypatch.setattr(house.importlib.util, "find_spec", lambda name: None)
+    missing = {finding.subject: finding for finding in house.optional_packages()}
+    assert all(finding.level is Level.WARNING for finding in missing.values())
+    for package, lost in (("daqp", "inverse control"), ("viser", "web page"), ("rosbags", "record, replay")):
+        assert f"without it no {lost}" in missing[package].text
+        assert f"pip install {package}" in missing[package].advice

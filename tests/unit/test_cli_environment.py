@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros import environment
+from softsim_node import discovery, environment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -19,13 +19,44 @@ def wheels(prefix: Path) -> Path:
     return prefix
 
 
-def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path: Path) -> None:
-    variables = {"HOME": str(tmp_path)}
+@pytest.mark.parametrize(
+    ("wish", "ros", "taken", "told"),
+    [
+        ("", "", "LOCALHOST", "reached by nodes on this computer only (domain 0, LOCALHOST; SOFTSIM_"),
+        ("", "SUBNET", "LOCALHOST", "nodes on this computer only"),  # what a sourced ROS sets by itself
+        ("", "OFF", "OFF", "reached by no other process"),
+        ("SUBNET", "LOCALHOST", "SUBNET", "anybody there can move the robot"),
+        ("OFF", "SUBNET", "OFF", "reached by no other process"),
+    ],
+)
+def test_discovery_stays_on_this_computer_unless_the_user_wishes_otherwise(
+    tmp_path: Path, wish: str, ros: str, taken: str, told: str
+) -> None:
+    given = {discovery.WISH: wish, discovery.RANGE: ros, "ROS_LOCALHOST_ONLY": "1", "HOME": str(tmp_path)}
+    variables = {name: value for name, value in given.items() if value}
     environment.set_defaults(variables, tmp_path)
-    assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    variables = {"HOME": str(tmp_path), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    environment.set_defaults(variables, tmp_path)
-    assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    assert variables[discovery.RANGE] == taken
+    assert "ROS_LOCALHOST_ONLY" not in variables
+    assert told in discovery.sentence(variables)
+
+
+def test_rclpy_starts_in_one_place_which_prepares_the_environment() -> None:
+    places = [
+        str(file.relative_to(REPOSITORY))
+        for package in ("softsim_node", "softsim_ros", "servo_bridge")
+        for file in (REPOSITORY / package).rglob("*.py")
+        if "rclpy.init(" in file.read_text()
+    ]
+    assert places == ["softsim_node/process.py"]
+
+
+def test_an_unknown_discovery_range_is_refused_with_what_is_allowed() -> None:
+    with pytest.raises(discovery.DiscoveryError, match="'everybody' is refused; allowed: LOCALHOST, SUBNET"):
+        discovery.wished_range({discovery.WISH: "everybody"})
+
+
+def test_computers_named_by_hand_are_told() -> None:
+    assert "the computers in ROS_STATIC_PEERS (10.0.0.7)" in discovery.sentence({discovery.PEERS: "10.0.0.7"})
 
 
 def test_the_wheels_index_is_found_beside_an_overlay(tmp_path: Path) -> None:

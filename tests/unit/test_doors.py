@@ -10,16 +10,14 @@ from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
 from softsim_core.errors import CommandError
-from softsim_ros.doors import (
-    LONGEST_SENTENCE,
+from softsim_node.doors import (
     REFUSAL_PERIOD_S,
     Refusals,
     message_door,
-    one_line,
     parameter_door,
-    sentence_of,
     service_door,
 )
+from softsim_node.sentences import LONGEST_SENTENCE, one_line, sentence_of
 
 pytestmark = pytest.mark.ros
 

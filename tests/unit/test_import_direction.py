@@ -15,7 +15,7 @@ import pytest
 from softsim_core.scene.robot import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = ("softsim_core", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 
 ROS = (
     "rclpy",
@@ -40,7 +40,8 @@ ROS = (
 )
 
 FORBIDDEN = {
-    "softsim_core": ("softsim_ros", "servo_bridge", "serial", "rich", *ROS),
+    "softsim_core": ("softsim_node", "softsim_ros", "servo_bridge", "serial", "rich", *ROS),
+    "softsim_node": ("softsim_ros", "servo_bridge"),
     "servo_bridge": ("softsim_ros",),
     "softsim_ros": (),
 }
@@ -50,6 +51,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.errors",
     "softsim_core.units",
     "softsim_core.mechanics.limits",
+    "softsim_core.mechanics.named_command",
     "softsim_core.scene",
     "softsim_core.scene.board",
     "softsim_core.scene.description",
@@ -57,7 +59,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
 )
-"""What servo_bridge uses of the core: errors, units, limits, and the description and loader of robots."""
+"""What servo_bridge uses of the core: errors, units, limits, checks of commands, robots and their loader."""
 
 LAYERS = (
     ("errors", "kernels", "units"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,21 +11,20 @@ import pytest
 pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.parameter import Parameter
 
-from softsim_core.errors import CommandError, SoftSimError
+from softsim_core.errors import CommandError
 from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import load_scene
 from softsim_ros.inverse.control_thread import ControlStatus
 from softsim_ros.inverse.following import STUCK_AFTER_S, Following, has_moved
 from softsim_ros.inverse.goals import checked_pose
 from softsim_ros.inverse.health import health
-from softsim_ros.inverse.parameters import tuned
+from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import FEEDBACK_WITHIN_S, SILENT_AFTER_S, Plant
 from softsim_ros.messages.diagnostics import ERROR, OK, WARN
 
 TRIPOD = load_scene("tripod")
-FRAMES = ("world", "tripod_base")
+FRAMES = ("world", "tripod/base_link")
 START = np.full(3, -1.4965)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -43,7 +43,7 @@ def message(
 
 
 def test_a_pose_is_read_and_its_quaternion_made_exact() -> None:
-    pose = checked_pose(message(turn=(0.0, 0.0, 0.6001, 0.8), frame="tripod_base"), FRAMES, "goal")
+    pose = checked_pose(message(turn=(0.0, 0.0, 0.6001, 0.8), frame="tripod/base_link"), FRAMES, "goal")
     assert pose.position.tolist() == [0.01, 0.02, 0.03]
     assert np.linalg.norm(pose.quaternion_xyzw) == pytest.approx(1.0, abs=1e-15)
     blank = checked_pose(message(turn=(0.0, 0.0, 0.0, 0.0)), FRAMES, "goal")
@@ -53,7 +53,7 @@ def test_a_pose_is_read_and_its_quaternion_made_exact() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (message(frame=""), "goal refused: unknown frame_id ''; allowed: world, tripod_base"),
+        (message(frame=""), "goal refused: unknown frame_id ''; allowed: world, tripod/base_link"),
         (message((math.nan, 0.0, 0.0)), "goal refused: position [nan, 0.0, 0.0] is not finite"),
         (message((0.0, -math.inf, 0.0)), "is not finite"),
         (message(turn=(0.0, 0.0, 0.0, 2.0)), "is no unit quaternion"),
@@ -118,26 +118,11 @@ def test_an_imu_measures_tilt_and_leaves_heading_and_place_to_the_model() -> Non
     assert error == pytest.approx([0.05, 0.03, 0.0], abs=1e-12)
 
 
-def test_settings_change_by_parameters_and_keep_their_rules() -> None:
-    settings = tuned(
-        TRIPOD.inverse,
-        [
-            Parameter("gain", value=0.25),
-            Parameter("position_weights", value=[0.0, 0.0, 1.0]),
-            Parameter("task", value="pose"),
-            Parameter("base_shift", value=0.01),  # no setting of the control law
-        ],
-    )
-    assert (settings.gain, settings.position_weights, settings.task) == (0.25, (0.0, 0.0, 1.0), "pose")
-    assert tuned(TRIPOD.inverse, []) == TRIPOD.inverse
-    for wrong in (
-        Parameter("position_weights", value=[1.0]),
-        Parameter("orientation_weights", value=[-1.0, 0.0, 0.0]),
-        Parameter("position_weights", value=[math.nan, 0.0, 0.0]),
-        Parameter("task", value="dance"),
-    ):
-        with pytest.raises(SoftSimError):
-            tuned(TRIPOD.inverse, [wrong])
+def test_the_parameters_begin_as_the_robots_file_says_and_lie_over_it() -> None:
+    settings = ControllerSettings.of(TRIPOD, "tripod")
+    assert settings.over(TRIPOD.inverse) == TRIPOD.inverse
+    other = replace(settings, gain=0.25, task="pose", base_shift=0.01).over(TRIPOD.inverse)
+    assert other == replace(TRIPOD.inverse, gain=0.25, task="pose")
 
 
 def test_the_report_says_off_holding_and_fault() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BPoly
 
 from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.errors import CommandError
@@ -84,3 +85,32 @@ def test_it_passes_through_every_way_point_and_never_leaves_their_range(
     low, high = min(0.0, positions.min()), max(0.0, positions.max())
     for time in np.linspace(0.0, trajectory.duration, 50):
         assert low - 1e-12 <= trajectory.sample(float(time), [0.0])[0] <= high + 1e-12
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_velocities_and_accelerations_make_cubics_and_quintics(order: int) -> None:
+    random = np.random.default_rng(7)
+    times = np.array([0.4, 1.0, 2.5])
+    slopes = random.normal(size=(3, order, 2))  # point, derivative, joint
+    slopes[-1, 1] = 0.0
+    trajectory = JointTrajectory(["a", "b"], times, *np.moveaxis(slopes, 1, 0))
+    start = np.zeros((1, order, 2))
+    start[0, 0] = [0.3, -0.2]
+    curve = BPoly.from_derivatives(np.append(0.0, times), np.concatenate([start, slopes]))
+    for time in np.linspace(0.0, 2.5, 41):
+        np.testing.assert_allclose(trajectory.sample(time, start[0, 0]), curve(time), atol=1e-12)
+    np.testing.assert_allclose(trajectory.sample(9.0, start[0, 0]), slopes[-1, 0])
+
+
+@pytest.mark.parametrize(
+    ("velocities", "accelerations", "words"),
+    [
+        ([[0.0, 0.0]], None, "velocities are not one finite number"),
+        ([[math.nan], [0.0]], None, "velocities are not one finite number"),
+        ([[1.0], [1.0]], None, "last way point must be 0"),
+        (None, [[0.0], [0.0]], "accelerations need velocities"),
+    ],
+)
+def test_slopes_that_do_not_fit_are_refused(velocities: object, accelerations: object, words: str) -> None:
+    with pytest.raises(CommandError, match=words):
+        JointTrajectory(["a"], [1.0, 2.0], [[1.0], [2.0]], velocities, accelerations)  # type: ignore[arg-type]

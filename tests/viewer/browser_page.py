@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from headless_browser import NOTHING_IS_DRAWN
+
 READY_MS = 90_000
 WAIT_MS = 60_000
 
@@ -30,12 +32,16 @@ VERTICES = f"""(name) => {{
 
 
 class BrowserPage:
-    """One tab with the page."""
+    """One tab with the page; only one that `draws` fills its canvas."""
 
-    def __init__(self, browser: Any, address: str, *, width: int = 1000, height: int = 640) -> None:
+    def __init__(
+        self, browser: Any, address: str, *, width: int = 1000, height: int = 640, draws: bool = False
+    ) -> None:
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.context = browser.new_context(viewport={"width": width, "height": height})
+        if not draws:
+            self.context.add_init_script(NOTHING_IS_DRAWN)
         self.page = self.context.new_page()
         self.page.set_default_timeout(WAIT_MS)
         self.page.on("request", lambda request: self.requests.append(request.url))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import re
-import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from headless_browser import ARGUMENTS, chromium_path
 from node_processes import spin_until
 
 sys.path.append(str(Path(__file__).parent))  # for `browser_page` and `tcp_ports`
@@ -43,15 +42,7 @@ def _spin_until() -> Callable[..., bool]:
 
 @pytest.fixture(scope="session")
 def chromium() -> str:
-    """Path of Chromium; a skip without it, or a failure with REQUIRE_CHROMIUM=1."""
-    reason = "" if importlib.util.find_spec("playwright") else "playwright is not installed"
-    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    reason = reason or ("" if found else "no Chromium: apt-get install chromium")
-    if reason and os.environ.get("REQUIRE_CHROMIUM"):
-        pytest.fail(reason)
-    if reason:
-        pytest.skip(reason)
-    return str(found)
+    return chromium_path()
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +97,7 @@ def browser(chromium: str) -> Iterator[Any]:
     """A headless Chromium with software WebGL."""
     from playwright.sync_api import sync_playwright
 
-    arguments = [
-        "--no-sandbox",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--ignore-gpu-blocklist",
-        "--disable-dev-shm-usage",
-    ]
     with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=chromium, headless=True, args=arguments)
+        running = playwright.chromium.launch(executable_path=chromium, headless=True, args=list(ARGUMENTS))
         yield running
         running.close()

@@ -55,6 +55,42 @@ def test_the_body_on_the_screen_moves_when_a_command_arrives(driven: Driven) -> 
     assert driven.until(moved)
 
 
+def test_the_picture_shows_the_robot_and_follows_it(
+    driven: Driven, browser: Any, station: tuple[Any, str]
+) -> None:
+    import imageio.v3 as imageio
+    import numpy as np
+
+    page = BrowserPage(browser, station[1], draws=True)
+    try:
+        page.wait_for_node(BODY)
+
+        def arm() -> Any:
+            """Colours (h, w, 3) of the part of the page where the body lies in its low pose."""
+            around = np.array([page.screen(tuple(point)) for point in outline])
+            (left, top), (right, bottom) = around.min(axis=0), around.max(axis=0)
+            clip = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+            return imageio.imread(page.page.screenshot(clip=clip))[..., :3].astype(float)
+
+        driven.robot.command([START, START, START])
+        assert driven.joints_at(START, START, START)
+        outline = np.array(page.vertices(BODY)).reshape(-1, 3)[::20]
+        page.page.wait_for_timeout(SETTLE_MS)
+        low = arm()
+        driven.robot.command([HIGH, HIGH, HIGH])
+        assert driven.joints_at(HIGH, HIGH, HIGH)
+
+        def changed() -> bool:
+            page.page.wait_for_timeout(SETTLE_MS)
+            return float((np.abs(arm() - low).max(axis=2) > 20.0).mean()) > 0.05
+
+        assert low.std() > 10.0  # not one colour
+        assert driven.until(changed)
+    finally:
+        page.close()
+        driven.to_start()
+
+
 def test_every_key_acts_with_ctrl_and_leaves_the_camera(driven: Driven) -> None:
     page = driven.page
     position = "window.__viserMutable.camera.position.toArray()"
@@ -130,6 +166,15 @@ def inverse(driven: Driven) -> Iterator[None]:
     driven.page.wait_until_gone("/goal/ball")
 
 
+def last_goal(driven: Driven) -> Any:
+    """The pose of the goal after which none comes any more."""
+    seen = 0
+    while seen < len(driven.goals):
+        seen = len(driven.goals)
+        driven.page.page.wait_for_timeout(SETTLE_MS)
+    return driven.goals[-1].pose
+
+
 def drag_goal(driven: Driven, start: tuple[float, float, float], end: tuple[float, float, float]) -> Any:
     """The newest goal after a drag from and to places beside the goal's middle in mm; also that middle."""
     page, before = driven.page, len(driven.goals)
@@ -139,7 +184,7 @@ def drag_goal(driven: Driven, start: tuple[float, float, float], end: tuple[floa
         page.drag(page.screen(first), page.screen(last))
         page.release()
         if driven.soon(lambda: len(driven.goals) > before):
-            return driven.goals[-1].pose, center
+            return last_goal(driven), center
     return pytest.fail("no goal came")
 
 

@@ -14,6 +14,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # by which colcon knows what runs the tests
     zip_safe=False,
     maintainer="the softsim authors",
     maintainer_email="softsim@users.noreply.example.org",
@@ -21,9 +22,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "servo_bridge = servo_bridge.bridge_node:main",
-            "virtual_board = servo_bridge.virtual_board_node:main",
-            "emulated_board = servo_bridge.emulated_board_node:main",
+            "servo_bridge = servo_bridge.executables:servo_bridge",
+            "virtual_board = servo_bridge.executables:virtual_board",
+            "emulated_board = servo_bridge.executables:emulated_board",
         ],
     },
 )

@@ -1,4 +1,4 @@
-"""Install rules of the ROS package: launch files, RViz views and the configs three folders up."""
+"""Install rules of the ROS package: launch files, files for other programs, the configs three folders up."""
 
 from pathlib import Path
 
@@ -24,13 +24,16 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         *installed("launch"),
+        *installed("control"),
+        *installed("foxglove"),
         *installed("rviz"),
         *installed("configs"),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # by which colcon knows what runs the tests
     zip_safe=False,
     maintainer="the softsim authors",
     maintainer_email="softsim@users.noreply.example.org",
-    description="Launch files, RViz views, and the robots' and scenes' configuration files.",
+    description="Launch files, files for RViz, Foxglove and ros2_control, the robots' and scenes' files.",
     license="Apache-2.0",
 )

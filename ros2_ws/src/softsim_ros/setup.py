@@ -14,6 +14,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # by which colcon knows what runs the tests
     zip_safe=False,
     maintainer="the softsim authors",
     maintainer_email="softsim@users.noreply.example.org",
@@ -21,14 +22,14 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "closed_loop = softsim_ros.inverse.closed_loop_node:main",
-            "inverse_controller = softsim_ros.inverse.inverse_node:main",
-            "path_follower = softsim_ros.inverse.path_follower_node:main",
-            "recorder = softsim_ros.recording.recorder_node:main",
-            "simulator = softsim_ros.simulator.simulator_node:main",
+            "closed_loop = softsim_ros.executables:closed_loop",
+            "inverse_controller = softsim_ros.executables:inverse_controller",
+            "path_follower = softsim_ros.executables:path_follower",
+            "recorder = softsim_ros.executables:recorder",
+            "simulator = softsim_ros.executables:simulator",
             "softsim = softsim_ros.cli:main",
-            "teleop = softsim_ros.teleop.teleop_node:main",
-            "viewer = softsim_ros.viewer.viewer_node:main",
+            "teleop = softsim_ros.executables:teleop",
+            "viewer = softsim_ros.executables:viewer",
         ],
     },
 )

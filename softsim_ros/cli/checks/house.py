@@ -20,6 +20,12 @@ PACKAGES = {  # import name -> distribution; all are needed but Numba
     "yaml": "PyYAML",
     "serial": "pyserial",
 }
+OPTIONAL = {  # import name -> distribution, and what needs it
+    "daqp": ("daqp", "inverse control (key I, inverse:=true, path follower)"),
+    "viser": ("viser", "web page (up without --no-viewer, viewer:=true)"),
+    "rosbags": ("rosbags", "record, replay, export and report"),
+    "matplotlib": ("matplotlib", "charts of report, pictures of workspace --out"),
+}
 OLDEST, NEWEST = (3, 10), (3, 13)
 
 
@@ -42,6 +48,18 @@ def packages() -> list[Finding]:
         return [Finding(Level.PROBLEM, "packages", f"missing: {names}", f"pip install {names}")]
     text = ", ".join(f"{name} {_version(name)}" for name in PACKAGES.values())
     return [Finding(Level.OK, "packages", text)]
+
+
+def optional_packages() -> list[Finding]:
+    """The packages that some commands need, and what is lost without each."""
+    findings = []
+    for name, (distribution, lost) in OPTIONAL.items():
+        if importlib.util.find_spec(name) is not None:
+            findings.append(Finding(Level.OK, distribution, _version(distribution)))
+            continue
+        advice = f"pip install {distribution}, or ros2_ws/pip-requirements.txt in a virtual environment"
+        findings.append(Finding(Level.WARNING, distribution, f"not installed: without it no {lost}", advice))
+    return findings
 
 
 def numba() -> list[Finding]:

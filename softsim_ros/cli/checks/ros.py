@@ -8,8 +8,9 @@ import shutil
 import sys
 from pathlib import Path
 
+from softsim_node import discovery
+from softsim_node.environment import has_ros_wheels, system_ros
 from softsim_ros.cli.checks.finding import Finding, Level
-from softsim_ros.environment import has_ros_wheels, system_ros
 
 MESSAGE_PACKAGES = (
     "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "visualization_msgs", "shape_msgs",
@@ -57,16 +58,11 @@ def mixture() -> list[Finding]:
     return []
 
 
-def discovery() -> list[Finding]:
-    """Who can be seen: domain and range."""
-    domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    words = {"LOCALHOST": "nodes on this machine only", "SUBNET": "nodes on the whole local network"}
-    text = f"domain {domain}, range {reach} ({words.get(reach, 'see the ROS 2 documentation')})"
-    if reach == "SUBNET":
-        advice = (
-            "anybody on the network can move the robot; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST limits it"
-        )
+def reach() -> list[Finding]:
+    """Who can reach the nodes that are started here."""
+    wished, text = discovery.wished_range(os.environ), discovery.sentence(os.environ)
+    if wished in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(discovery.PEERS):
+        advice = f"unset {discovery.WISH} and {discovery.PEERS} to keep the robot to this computer"
         return [Finding(Level.WARNING, "discovery", text, advice)]
     return [Finding(Level.OK, "discovery", text)]
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import time
 from collections.abc import Callable
 from typing import Any, Final
 
 from rcl_interfaces.msg import SetParametersResult
 
-from softsim_core.errors import SoftSimError
-
-LONGEST_SENTENCE: Final = 300
-"""So many characters has a refusal at most, on the log and in an answer."""
+from softsim_node.sentences import one_line, sentence_of
 
 REFUSAL_PERIOD_S: Final = 1.0
 """Refusals that begin alike are said at most this often, in [s]."""
@@ -24,21 +22,6 @@ MOST_KINDS: Final = 10
 """So many different refusals are said in one period."""
 
 Guarded = Callable[..., Any]
-
-
-def sentence_of(error: BaseException) -> str:
-    """What an error says to a person, on one line of at most LONGEST_SENTENCE characters."""
-    text = str(error)
-    if not isinstance(error, SoftSimError):
-        text = f"refused: {type(error).__name__}" + (f" ({text})" if text else "")
-    return one_line(text)
-
-
-def one_line(text: str) -> str:
-    """Text of others for logs and answers: control characters replaced, cut to LONGEST_SENTENCE."""
-    head = text[: LONGEST_SENTENCE + 1]
-    plain = head if head.isprintable() else "".join(c if c.isprintable() else " " for c in head)
-    return plain if len(plain) <= LONGEST_SENTENCE else f"{plain[: LONGEST_SENTENCE - 3]}..."
 
 
 class Refusals:
@@ -76,22 +59,38 @@ def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -
 
 
 def service_door(callback: Guarded, refuse: Callable[[str], None], service: str) -> Guarded:
-    """A service's callback that answers with the sentence of its failure; long answers are cut."""
+    """A service's callback that answers with the sentence of its failure; long answers are cut.
 
-    @functools.wraps(callback)
-    def answer(request: Any, response: Any) -> Any:
-        try:
-            response = callback(request, response)
-        except Exception as error:
-            sentence = sentence_of(error)
-            refuse(f"request to {service} {sentence}")
-            if hasattr(response, "success") and hasattr(response, "message"):
-                response.success, response.message = False, sentence
+    A callback that is a coroutine stays one.
+    """
+
+    def refused(response: Any, error: Exception) -> Any:
+        sentence = sentence_of(error)
+        refuse(f"request to {service} {sentence}")
+        if hasattr(response, "success") and hasattr(response, "message"):
+            response.success, response.message = False, sentence
+        return response
+
+    def bounded(response: Any) -> Any:
         if isinstance(getattr(response, "message", None), str):
             response.message = one_line(response.message)
         return response
 
-    return answer
+    @functools.wraps(callback)
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            return bounded(callback(request, response))
+        except Exception as error:
+            return refused(response, error)
+
+    @functools.wraps(callback)
+    async def answer_later(request: Any, response: Any) -> Any:
+        try:
+            return bounded(await callback(request, response))
+        except Exception as error:
+            return refused(response, error)
+
+    return answer_later if inspect.iscoroutinefunction(callback) else answer
 
 
 def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:

@@ -1,4 +1,4 @@
-"""Environment variables that ROS needs, set in one place and only where the user has not set them."""
+"""Environment variables that ROS needs, set in one place before rclpy starts."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 
+from softsim_core.errors import SoftSimError
+from softsim_node import discovery
+
 BOOTSTRAP_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
-class MixedRosError(RuntimeError):
+class MixedRosError(SoftSimError, RuntimeError):
     """A system ROS is active in a process whose ROS comes from pip wheels; the two cannot be mixed."""
 
 
@@ -30,13 +33,16 @@ def system_ros(environment: MutableMapping[str, str]) -> str | None:
 
 
 def set_defaults(environment: MutableMapping[str, str], prefix: Path) -> None:
-    """Fill in what ROS needs and the user has not set: discovery on this machine, a log folder, the index.
+    """Set who is discovered, and fill in what ROS needs and the user has not set: a log folder, the index.
 
     Args:
         environment: Changed in place.
         prefix: Root of the Python environment.
+
+    Raises:
+        DiscoveryError: the wish for a discovery range is not allowed.
     """
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    discovery.set_range(environment)
     if "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
         logs = Path(environment.get("HOME", "/nonexistent")) / ".ros" / "log"
         if not _is_writable(logs):
@@ -52,6 +58,7 @@ def prepare_environment() -> None:
 
     Raises:
         MixedRosError: /opt/ros is sourced although this environment has ROS wheels of its own.
+        DiscoveryError: the wish for a discovery range is not allowed.
     """
     prefix = Path(sys.prefix)
     if has_ros_wheels(prefix):

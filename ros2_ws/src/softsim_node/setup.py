@@ -1,0 +1,22 @@
+"""Install rules of the ROS package; the code is the import package of the same name, three folders up."""
+
+from setuptools import find_packages, setup
+
+NAME = "softsim_node"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="the softsim authors",
+    maintainer_email="softsim@users.noreply.example.org",
+    description="What the ROS nodes of the suite share: environment, parameters, start and end of a process.",
+    license="Apache-2.0",
+)

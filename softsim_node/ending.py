@@ -1,0 +1,138 @@
+"""When this process shall end: a signal came, or the program that started it is gone."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+OUTLIVE = "SOFTSIM_OUTLIVE_PARENT"
+"""Set to 1, a process goes on when the program that started it ends; so it does when started by nohup."""
+
+AGAIN_S = 0.05
+"""How long an interrupt inside a callback of the compiler is put off, in [s]."""
+
+_COMPILER = "llvmlite.binding."
+
+
+class Ending:
+    """A request to end, looked at between the steps of a loop; inside `interruptible` it comes at once.
+
+    A program has one, `ending`. Signals after the first change nothing: none cuts the way to a safe state
+    short.
+    """
+
+    def __init__(self) -> None:
+        self._asked = self._raised = self._raises = False
+        self._parent: int | None = None
+
+    def watch(self) -> None:
+        """Take SIGINT, SIGTERM and SIGHUP as a request to end from now on, and the end of the parent, too.
+
+        A hang-up that was ignored at the start (nohup) stays so, and the end of the parent with it. Only the
+        main thread can; a second call changes nothing.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return
+        stays = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        for number in END_SIGNALS:
+            if not (stays and number == signal.SIGHUP):
+                signal.signal(number, self._on_signal)
+        if self._parent is None and not stays and os.environ.get(OUTLIVE, "0") in ("", "0"):
+            self._parent = os.getppid()
+
+    @property
+    def asked(self) -> bool:
+        """Whether the process shall end."""
+        return self._asked or self.is_orphan
+
+    @property
+    def is_orphan(self) -> bool:
+        """Whether the program that started this one is gone, and this one shall not outlive it."""
+        return self._parent not in (None, os.getppid())
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """The first signal raises KeyboardInterrupt inside: for long work that leaves nothing to be closed.
+
+        Signals come to the main thread; in another one nothing changes.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        with self._raising(True):
+            if self._asked and not self._raised:
+                self._raised = True
+                raise KeyboardInterrupt
+            yield
+
+    @contextmanager
+    def orderly(self) -> Iterator[None]:
+        """No signal raises inside, also where this lies inside `interruptible`."""
+        with self._raising(False):
+            yield
+
+    def over(self) -> None:
+        """Everything is closed: a signal on the last steps of the interpreter is ignored.
+
+        What is still written to a terminal that has gone is dropped.
+        """
+        if threading.current_thread() is threading.main_thread():
+            for number in END_SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
+        leave_lost_terminal()
+
+    @contextmanager
+    def _raising(self, raises: bool) -> Iterator[None]:
+        before, self._raises = self._raises, raises
+        try:
+            yield
+        finally:
+            self._raises = before
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._asked = True
+        if not self._raises or self._raised:
+            return
+        if _in_callback(frame):
+            again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        self._raised = True
+        raise KeyboardInterrupt
+
+
+ending = Ending()
+"""This process's."""
+
+
+def leave_lost_terminal() -> None:
+    """Let standard streams whose terminal was closed go nowhere: each write would fail, also at the exit."""
+    for stream in (0, 1, 2):
+        try:
+            termios.tcgetattr(stream)
+        except termios.error as error:
+            if error.args[0] == errno.EIO:
+                nowhere = os.open(os.devnull, os.O_RDWR)
+                os.dup2(nowhere, stream)
+                os.close(nowhere)
+
+
+def _in_callback(frame: FrameType | None) -> bool:
+    """Whether the compiler waits for Python code of this frame.
+
+    An exception cannot leave such a callback: Python prints it, the interrupt is lost and the compiler goes
+    on without its object code.
+    """
+    while frame is not None:
+        if frame.f_code.co_name.startswith("_raw_") and frame.f_globals["__name__"].startswith(_COMPILER):
+            return True
+        frame = frame.f_back
+    return False

@@ -1,0 +1,58 @@
+"""A node that outlives whatever is sent to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any
+
+from rclpy.executors import ExternalShutdownException, ShutdownException
+from rclpy.node import Node
+
+from softsim_node import doors
+from softsim_node.sentences import sentence_of
+
+
+class GuardedNode(Node):
+    """A node whose callbacks of topics, services and new parameters stand behind doors.
+
+    Those of rclpy's own parameter services, too. See `softsim_node.doors`.
+    """
+
+    def refuse(self, sentence: str) -> None:
+        """Log why something that came from outside was not obeyed."""
+        if self.context.ok():
+            self._refusals.tell(sentence)
+
+    @cached_property
+    def _refusals(self) -> doors.Refusals:
+        return doors.Refusals(self.get_logger().warning)
+
+    @contextmanager
+    def refusing(self, what: str) -> Iterator[None]:
+        """Log in a sentence what fails inside, and go on; `what` was being done."""
+        try:
+            yield
+        except (ExternalShutdownException, ShutdownException):
+            raise
+        except Exception as error:
+            if not self.context.ok():
+                raise
+            self.refuse(f"{what} {sentence_of(error)}")
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, **options: Any
+    ) -> Any:
+        """As rclpy's; a message that `callback` cannot take is refused in a sentence."""
+        behind = doors.message_door(callback, self.refuse, topic)
+        return super().create_subscription(msg_type, topic, behind, *args, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """As rclpy's; a request that `callback` cannot serve is answered with a sentence."""
+        behind = doors.service_door(callback, self.refuse, srv_name)
+        return super().create_service(srv_type, srv_name, behind, **options)
+
+    def add_on_set_parameters_callback(self, callback: Any) -> None:
+        """As rclpy's; parameters that `callback` cannot take are refused with a sentence."""
+        super().add_on_set_parameters_callback(doors.parameter_door(callback, self.refuse))

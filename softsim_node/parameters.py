@@ -1,0 +1,279 @@
+"""Parameters of a node from one dataclass: declared, checked as a whole, then applied as a whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final, Generic, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from softsim_core.errors import SoftSimError, listing
+from softsim_node.sentences import one_line, sentence_of
+
+_KEY: Final = "parameter"
+_SHOWN: Final = 40
+
+
+class ParameterError(SoftSimError, ValueError):
+    """A value of a parameter has the wrong type, lies outside its range, or does not fit the others."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class About:
+    """What a person is told of a parameter, and what it allows.
+
+    Attributes:
+        text: One sentence.
+        unit: Unit of a number; empty: none.
+        within: Least and largest allowed number; None for what is no number.
+        choices: Allowed texts; none means any.
+        fixed: It cannot change after the start.
+        count: How many numbers a list of numbers has; None for what is no such list.
+    """
+
+    text: str
+    unit: str = ""
+    within: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+    count: int | None = None
+
+    @property
+    def description(self) -> str:
+        """The sentence with the unit, as `ros2 param describe` shows it."""
+        return f"{self.text} [{self.unit}]" if self.unit else self.text
+
+    def allowed(self, default: object) -> str:
+        """What a value may be, in words; `default` gives the type."""
+        if isinstance(default, bool):
+            return "true or false"
+        if isinstance(default, str):
+            return f"one of: {listing(self.choices)}" if self.choices else "a text"
+        lower, upper = self.within or (-math.inf, math.inf)
+        unit = f" {self.unit}" if self.unit else ""
+        if isinstance(default, int):
+            return f"a whole number from {lower:g} to {upper:g}{unit}"
+        if isinstance(default, float):
+            return f"a number from {lower:g} to {upper:g}{unit}, written with a decimal point"
+        return f"{self.count} numbers from {lower:g} to {upper:g}{unit}, with decimal points: [1.0, ...]"
+
+
+def parameter(
+    default: Any,
+    text: str,
+    *,
+    unit: str = "",
+    within: tuple[float, float] | None = None,
+    choices: Sequence[str] = (),
+    fixed: bool = False,
+) -> Any:
+    """A field of a dataclass that is a parameter of the same name; `default` gives its type.
+
+    Args:
+        default: Truth value, whole number, number, text, or a tuple of numbers.
+        text: One sentence for people.
+        unit: Unit of a number.
+        within: Least and largest allowed number; every parameter that is a number has both.
+        choices: Allowed texts; none means any.
+        fixed: It cannot change after the start.
+    """
+    count = len(default) if isinstance(default, tuple) else None
+    about = About(text=text, unit=unit, within=within, choices=tuple(choices), fixed=fixed, count=count)
+    return dataclasses.field(default=default, metadata={_KEY: about})
+
+
+def described(settings: Any) -> Iterator[tuple[str, object, About]]:
+    """Name, value and description of each parameter of a dataclass instance, in its order."""
+    for field in dataclasses.fields(settings):
+        yield field.name, getattr(settings, field.name), field.metadata[_KEY]
+
+
+Settings = TypeVar("Settings")
+
+
+def declare(node: Node, settings: Settings) -> Settings:
+    """Declare every parameter of `settings`, whose values are the defaults.
+
+    Returns:
+        The values that the parameters have at the start.
+
+    Raises:
+        ParameterError: a value given at the start is not allowed.
+    """
+    values = {name: declare_value(node, name, default, about) for name, default, about in described(settings)}
+    return dataclasses.replace(settings, **values)  # type: ignore[type-var]
+
+
+def declare_value(node: Node, name: str, default: Any, about: About, *, given: bool = True) -> Any:
+    """Declare one parameter whose name or range is known only at run time; returns its value.
+
+    Args:
+        node: Whose parameter it is.
+        name: Its name.
+        default: Its value where none is given.
+        about: What it allows.
+        given: A value given at the start of the node counts.
+
+    Raises:
+        ParameterError: the value given at the start is not allowed.
+    """
+    first = list(default) if isinstance(default, tuple) else default
+    allowed = about.allowed(default)
+    try:
+        descriptor = _descriptor(default, about)
+        value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
+    except InvalidParameterTypeException as error:
+        raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
+    except InvalidParameterValueException as error:
+        raise ParameterError(f"parameter {name} is refused; allowed is {allowed}") from error
+    return checked(name, value, default, about)
+
+
+@contextmanager
+def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
+    """A node for the `with` block, to read parameters of this process that its real node is made from.
+
+    Args:
+        name: Name of the real node.
+        **node_options: Passed on to rclpy's Node.
+    """
+    node = Node(
+        name,
+        start_parameter_services=False,
+        enable_rosout=False,
+        enable_logger_service=False,
+        **node_options,
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+
+
+def checked(name: str, value: Any, default: Any, about: About) -> Any:
+    """A value of a parameter as a dataclass holds it.
+
+    Args:
+        name: Of the parameter.
+        value: As rclpy gives it, of the right type.
+        default: A value of the same type.
+        about: What is allowed.
+
+    Raises:
+        ParameterError: it is not allowed.
+    """
+    numbers: list[float] = []
+    if isinstance(default, tuple):
+        value = tuple(map(float, value))
+        numbers = list(value)
+    elif isinstance(default, float):
+        numbers = [float(value)]
+    lower, upper = about.within or (-math.inf, math.inf)
+    fits = all(lower <= number <= upper and math.isfinite(number) for number in numbers)  # NaN does not
+    if about.choices:
+        fits = value in about.choices
+    if about.count is not None:
+        fits = fits and len(numbers) == about.count
+    if not fits:
+        shown = one_line(repr(value)[:_SHOWN])
+        raise ParameterError(f"parameter {name} = {shown} is refused; allowed is {about.allowed(default)}")
+    return value
+
+
+class LiveParameters(Generic[Settings]):
+    """The declared parameters of a node and their present values.
+
+    A change is checked as a whole before any value of it is stored, and applied as a whole afterwards.
+
+    Args:
+        node: Whose parameters they are.
+        settings: Defaults; see `declare`.
+        check: Gets the names that are set and the values as they would be; raises where they cannot be.
+        apply: Gets the same once they are stored.
+
+    Attributes:
+        values: The present values; inside `check` those before the change.
+
+    Raises:
+        ParameterError: a value given at the start is not allowed.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Settings,
+        *,
+        check: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
+        apply: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
+    ) -> None:
+        self.values = declare(node, settings)
+        self._node, self._check, self._apply = node, check, apply
+        self._about = {name: (default, about) for name, default, about in described(self.values)}
+        self._is_quiet = False
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+
+    def store(self, **values: object) -> None:
+        """Let parameters tell what is so already; nothing is checked or applied."""
+        with self._quiet():
+            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+
+    @contextmanager
+    def _quiet(self) -> Iterator[None]:
+        self._is_quiet = True
+        try:
+            yield
+        finally:
+            self._is_quiet = False
+
+    def _changed(self, changes: Sequence[Parameter]) -> tuple[frozenset[str], Settings]:
+        values = {
+            change.name: checked(change.name, change.value, *self._about[change.name])
+            for change in changes
+            if change.name in self._about
+        }
+        return frozenset(values), dataclasses.replace(self.values, **values)  # type: ignore[type-var]
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            names, values = self._changed(changes)
+            if names and not self._is_quiet:
+                self._check(names, values)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=sentence_of(error))
+        return SetParametersResult(successful=True)
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        names, self.values = self._changed(changes)
+        if names and not self._is_quiet:
+            try:
+                self._apply(names, self.values)
+            except Exception as error:  # rclpy has stored the values and has no answer for this
+                self._node.get_logger().error(f"parameters are stored, but: {sentence_of(error)}")
+
+
+def _descriptor(default: object, about: About) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=about.description,
+        additional_constraints=about.allowed(default) if about.choices or about.count else "",
+        read_only=about.fixed,
+    )
+    if about.within is not None and isinstance(default, float):
+        lower, upper = map(float, about.within)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=lower, to_value=upper, step=0.0)]
+    elif about.within is not None and isinstance(default, int) and not isinstance(default, bool):
+        first, last = map(int, about.within)
+        descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
+    return descriptor

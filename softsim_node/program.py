@@ -1,0 +1,26 @@
+"""The first thing that runs in an executable: whatever comes, its imports end without a traceback."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+
+from softsim_node.ending import ending
+
+
+def run_module(module: str, args: Sequence[str] | None = None) -> int:
+    """Import a module and run its `main`; a request to end meanwhile ends with 0.
+
+    Args:
+        module: Name of the module of a node.
+        args: Command line without the program's name; None takes the process's own.
+
+    Returns:
+        Exit code.
+    """
+    ending.watch()
+    program = importlib.import_module(module)
+    if ending.asked:
+        ending.over()
+        return 0
+    return int(program.main(args))

@@ -1,0 +1,168 @@
+"""The links of a robot and how each hangs on its parent: one tree for URDF and for /tf.
+
+`base_link` stands in the world's origin. A joint with a frame has two links, its base (`servo_0_base`) and
+what it moves (`servo_0_horn`; of a slide `vertical_slide`); the joint of an actuator has one
+(`finger_1_cable_end`), which moves along z from where the actuator is pulled. Free frames hang on the base by
+six degrees of freedom: the effector is called `effector`, others by their names. Rigid bodies that a joint or
+a free frame carries are links of their own, and so is each deformable body as it is at rest
+(`silicone_at_rest`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from softsim_core import RobotDescription
+from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mesh.placement import rotation_matrix
+from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
+from softsim_core.values import Placement, Vector
+from softsim_ros.frames import BASE_LINK, EFFECTOR
+
+Kind: TypeAlias = Literal["fixed", "floating", "revolute", "continuous", "prismatic"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """A link and the joint on which it hangs.
+
+    Attributes:
+        name: Of the link.
+        parent: Link it hangs on; one that comes before it.
+        joint: Name of the joint; where it has a position, that of `joint_states`.
+        kind: What the joint lets it do.
+        position: Its origin in the parent's frame at joint position 0, in [m], shape (3,).
+        rotation: Its rotation there, shape (3, 3).
+        axis: Unit axis of the joint in the link's frame, shape (3,).
+        part: What of the scene it shows, as KIND/NAME: bodies, joints, attachments or rigid_bodies.
+        measured: Its name among the frames of a simulation; empty: it follows from its joint.
+    """
+
+    name: str
+    parent: str
+    joint: str
+    kind: Kind
+    position: Array
+    rotation: Array
+    axis: Array
+    part: str
+    measured: str = ""
+
+    def pose(self, joint_position: float) -> tuple[Array, Array]:
+        """Position (3,) and rotation (3, 3) in the parent's frame at a joint position in [rad] or [m]."""
+        if self.kind == "prismatic":
+            return self.position + self.rotation @ (joint_position * self.axis), self.rotation
+        if self.kind in ("revolute", "continuous"):
+            return self.position, self.rotation @ rotation_exp(joint_position * self.axis)
+        return self.position, self.rotation
+
+
+def links_of(robot: RobotDescription) -> tuple[Link, ...]:
+    """All links but `base_link`, every parent before its children."""
+    scene, links = robot.scene, list[Link]()
+    moved = {joint.name: moved_link(joint) for joint in scene.joints}
+    for joint in scene.joints:
+        links += _frame_links(joint, scene, moved) if joint.moves_frame else []
+    links += [_end_link(joint, moved, scene) for joint in scene.joints if not joint.moves_frame]
+    free = [each for each in scene.attachments if each.to == "free"]
+    names = {each.name: _free(EFFECTOR if each.name == scene.effector else each.name, links) for each in free}
+    links += [_free_link(each, names[each.name]) for each in free]
+    carriers = {**moved, **names, **{f"{joint.name}_base": _base(joint) for joint in scene.joints}}
+    for body in scene.rigid_bodies:
+        if body.on != "world":
+            place, rotation = _placed(body.pose)
+            carrier, part = carriers[body.on], f"rigid_bodies/{body.name}"
+            links.append(_fixed(_free(body.name, links), carrier, place, rotation, part))
+    for soft in scene.bodies:
+        part = f"bodies/{soft.name}"
+        links.append(_fixed(_free(f"{soft.name}_at_rest", links), BASE_LINK, np.zeros(3), np.eye(3), part))
+    return tuple(links)
+
+
+def moved_link(joint: JointDescription) -> str:
+    """Name of the link that a joint moves."""
+    return f"{joint.name}_{'end' if not joint.moves_frame else 'horn' if _turns(joint) else 'slide'}"
+
+
+def _turns(joint: JointDescription) -> bool:
+    return joint.kind == "revolute"
+
+
+def _base(joint: JointDescription) -> str:
+    return f"{joint.name}_base"
+
+
+def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[str, str]) -> list[Link]:
+    """A joint's base and what it moves."""
+    parent = BASE_LINK if joint.parent is None else moved[joint.parent]
+    position, rotation = _seen_from(_carrier_at_rest(joint.parent, scene), _placed(joint.base))
+    bounded = math.isfinite(joint.limits.lower) or math.isfinite(joint.limits.upper)
+    kind: Kind = ("revolute" if bounded else "continuous") if _turns(joint) else "prismatic"
+    part = f"joints/{joint.name}"
+    base = Link(
+        _base(joint), parent, f"{joint.name}_mount", "fixed", position, rotation, _Z, part, joint.name
+    )
+    axis, horn = np.array(joint.axis, dtype=float), f"{joint.name}_horn"
+    mover = Link(moved[joint.name], base.name, joint.name, kind, np.zeros(3), np.eye(3), axis, part, horn)
+    return [base, mover]
+
+
+def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescription) -> Link:
+    """Where an actuator is pulled from, as far along z as its joint's position."""
+    actuator = joint.actuator
+    assert actuator is not None  # checked by the description
+    place: Vector = getattr(actuator, "pull_point", None) or (0.0, 0.0, 0.0)
+    carrier = next((name for name in actuator.carriers().values() if name is not None), None)
+    parent = BASE_LINK if carrier is None else moved[carrier]
+    position, rotation = _seen_from(_carrier_at_rest(carrier, scene), (np.array(place, float), np.eye(3)))
+    name, part = moved[joint.name], f"joints/{joint.name}"
+    return Link(name, parent, joint.name, "prismatic", position, rotation, _Z, part)
+
+
+def _free_link(attachment: AttachmentDescription, name: str) -> Link:
+    position, rotation = _placed(attachment.frame)
+    part = f"attachments/{attachment.name}"
+    return Link(name, BASE_LINK, f"{name}_motion", "floating", position, rotation, _Z, part, attachment.name)
+
+
+def _fixed(name: str, parent: str, position: Array, rotation: Array, part: str) -> Link:
+    return Link(name, parent, f"{name}_mount", "fixed", position, rotation, _Z, part)
+
+
+def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array, Array]:
+    """Position and rotation in the world of the frame that a joint moves, all joints at rest."""
+    if joint is None:
+        return np.zeros(3), np.eye(3)
+    described = scene.joints[scene.joint_names.index(joint)]
+    position, rotation = _placed(described.base)  # in the world, with its carrier at rest
+    axis = np.array(described.axis, dtype=float)
+    if _turns(described):
+        return position, rotation @ rotation_exp(described.rest * axis)
+    return position + rotation @ (described.rest * axis), rotation
+
+
+def _seen_from(frame: tuple[Array, Array], place: tuple[Array, Array]) -> tuple[Array, Array]:
+    """A place in the axes of a frame; both are given in the world."""
+    (origin, turn), (position, rotation) = frame, place
+    return turn.T @ (position - origin), turn.T @ rotation
+
+
+def _placed(placement: Placement) -> tuple[Array, Array]:
+    return np.array(placement.translation, dtype=float), rotation_matrix(placement.rotation_deg)
+
+
+def _free(name: str, links: Sequence[Link]) -> str:
+    """The name, or one like it where a link has it already."""
+    taken = {BASE_LINK, *(link.name for link in links)}
+    while name in taken:
+        name = f"{name}_"
+    return name
+
+
+_Z = np.array([0.0, 0.0, 1.0])

@@ -1,0 +1,40 @@
+"""The executables of this package: each imports its node once signals are looked after."""
+
+from __future__ import annotations
+
+from softsim_node.program import run_module
+
+
+def simulator() -> int:
+    """Run the node `simulator`; returns the exit code."""
+    return run_module("softsim_ros.simulator.simulator_node")
+
+
+def teleop() -> int:
+    """Run the node `teleop`; returns the exit code."""
+    return run_module("softsim_ros.teleop.teleop_node")
+
+
+def inverse_controller() -> int:
+    """Run the node `inverse_controller`; returns the exit code."""
+    return run_module("softsim_ros.inverse.inverse_node")
+
+
+def path_follower() -> int:
+    """Run the node `path_follower`; returns the exit code."""
+    return run_module("softsim_ros.inverse.path_follower_node")
+
+
+def closed_loop() -> int:
+    """Run the node `closed_loop`; returns the exit code."""
+    return run_module("softsim_ros.inverse.closed_loop_node")
+
+
+def recorder() -> int:
+    """Run the node `recorder`; returns the exit code."""
+    return run_module("softsim_ros.recording.recorder_node")
+
+
+def viewer() -> int:
+    """Run the node `viewer`; returns the exit code."""
+    return run_module("softsim_ros.viewer.viewer_node")

@@ -1,0 +1,148 @@
+"""Which nodes a launch of one robot starts, with which parameters: decided here, started by `launch`.
+
+The launch file of softsim_bringup asks `plan` and hands each node to launch_ros; nothing here needs launch.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Final
+
+from softsim_core import RobotDescription, load_scene
+from softsim_core.errors import ConfigError, listing
+from softsim_node.frames import prefix_of
+from softsim_ros.description.controllers import CONTROLLER, controllers
+from softsim_ros.description.rviz import rviz_config
+
+SWITCH: Final = ("false", "true")
+BOARDS: Final = ("auto", "virtual", "emulated", "real", "none")
+SOURCES: Final = ("joint_states", "commands", "joint_commands")
+AUTOSTARTS: Final = ("none", "configure", "activate")
+
+
+def _word(default: str, about: str, *choices: str) -> str:
+    word: str = field(default=default, metadata={"about": about, "choices": choices})
+    return word
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """The arguments of a launch, all of them words; `metadata` tells what each is about and may be."""
+
+    robot: str = _word("tripod", "robot or scene: a name, or the path of its file")
+    namespace: str = _word("", "namespace of all its nodes; empty: the robot's name")
+    board: str = _word("auto", "servo board; auto: real where a port is given, else virtual", *BOARDS)
+    port: str = _word("", "serial port of a real board; empty: the one that is plugged in")
+    source: str = _word("joint_states", "what the servos follow", *SOURCES)
+    autostart: str = _word(
+        "configure", "how far the bridge goes: configure opens the port, activate sends", *AUTOSTARTS
+    )
+    inverse: str = _word("false", "with inverse control, disabled until key I", *SWITCH)
+    viewer: str = _word("false", "with the web page", *SWITCH)
+    control: str = _word("false", "with ros2_control's joint trajectory controller", *SWITCH)
+    rviz: str = _word("false", "show the robot in RViz", *SWITCH)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedNode:
+    """A node to start.
+
+    Attributes:
+        package: ROS package of its executable.
+        executable: Name of the executable.
+        parameters: Its parameters.
+        arguments: Words of its command line.
+        parameter_file: File of more parameters; None: none.
+        ends_all: Whether the launch ends with it.
+    """
+
+    package: str
+    executable: str
+    parameters: Mapping[str, str | float] = field(default_factory=dict)
+    arguments: tuple[str, ...] = ()
+    parameter_file: Path | None = None
+    ends_all: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A launch: the namespace, its nodes, and how a person drives the robot."""
+
+    namespace: str
+    nodes: tuple[PlannedNode, ...]
+    hint: str
+
+
+def plan(wishes: Wishes, folder: Path) -> Plan:
+    """What to start.
+
+    Args:
+        wishes: The arguments.
+        folder: Where the files of RViz and controllers are written, if they are wanted.
+
+    Raises:
+        SoftSimError: the robot is not known, or what is wanted does not go together.
+    """
+    for each in fields(Wishes):
+        choices, word = each.metadata["choices"], getattr(wishes, each.name)
+        if choices and word not in choices:
+            raise ConfigError("launch", f"argument {each.name}", f"{word!r} is none of: {listing(choices)}")
+    robot = load_scene(wishes.robot)
+    namespace = wishes.namespace.strip("/") or robot.namespace
+    shared: dict[str, str | float] = {"robot": wishes.robot}
+    nodes = [PlannedNode("softsim_ros", "simulator", shared, ends_all=True)]
+    nodes += _hardware(wishes, robot, namespace)
+    for name, wanted in (("inverse_controller", wishes.inverse), ("viewer", wishes.viewer)):
+        nodes += [PlannedNode("softsim_ros", name, shared)] if wanted == "true" else []
+    if wishes.control == "true":
+        file = folder / "controllers.yaml"
+        file.write_text(controllers(robot, namespace), encoding="utf-8")
+        spawned = (CONTROLLER, "--param-file", str(file))
+        nodes += [
+            PlannedNode("controller_manager", "ros2_control_node", parameter_file=file, ends_all=True),
+            PlannedNode("controller_manager", "spawner", arguments=spawned),
+        ]
+    if wishes.rviz == "true":
+        file = folder / "view.rviz"
+        file.write_text(rviz_config(robot, prefix_of(namespace)), encoding="utf-8")
+        nodes.append(PlannedNode("rviz2", "rviz2", arguments=("-d", str(file))))
+    teleop = f"ros2 run softsim_ros teleop --ros-args -p robot:={wishes.robot} -r __ns:=/{namespace}"
+    return Plan(namespace, tuple(nodes), f"drive it from another terminal: {teleop}")
+
+
+def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> Path:
+    """The link to the port of a board that is a program: in the folder of this login, else in /tmp."""
+    folder = environment.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    return Path(folder) / f"softsim_{os.getuid()}_{namespace.strip('/').replace('/', '_')}_board"
+
+
+def _hardware(wishes: Wishes, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
+    """The bridge and its board; neither for a robot without servos."""
+    servos = robot.board.servos if robot.board else ()
+    board = wishes.board
+    if board == "auto":
+        board = "none" if not servos else "real" if wishes.port else "virtual"
+    if board == "none":
+        return []
+    if not servos:
+        raise ConfigError(
+            "launch", "argument board", f"{robot.name} has no servo board; leave board out, or give none"
+        )
+    if wishes.port and board != "real":
+        raise ConfigError("launch", "argument port", f"belongs to board:=real, not to {board}; leave one out")
+    link, port, quiet, nodes = str(board_link(namespace)), wishes.port, dict[str, str | float](), []
+    if board != "real":
+        port = link
+        values: dict[str, str | float] = {"link": link}
+        if board == "virtual":
+            assert robot.board is not None
+            values |= {"servos": len(servos), "protocol": robot.board.protocol}
+            quiet = {"open_wait_s": 0.0}  # a virtual board has no boot loader to wait for
+        nodes.append(PlannedNode("servo_bridge", f"{board}_board", values, ends_all=True))
+    parameters = {"robot": wishes.robot, "port": port, "source": wishes.source, "autostart": wishes.autostart}
+    bridge = PlannedNode("servo_bridge", "servo_bridge", {**parameters, **quiet}, ends_all=True)
+    return [*nodes, bridge]

@@ -1,0 +1,99 @@
+"""Another scene, loaded and built while the one before runs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from softsim_core import RobotDescription, Simulation
+from softsim_core.errors import SoftSimError, SolverDivergedError
+from softsim_core.scene import SceneCatalog
+from softsim_core.warmup import cached_kernels
+from softsim_node.ending import ending
+from softsim_ros.simulator.parameters import SimulatorSettings
+from softsim_ros.simulator.scene_files import SceneFiles
+
+
+class NextScene(NamedTuple):
+    """A scene that is ready to take the place of the one that runs."""
+
+    files: SceneFiles
+    scene: RobotDescription
+    simulation: Simulation
+    overrides: str
+
+
+class Tried(NamedTuple):
+    """What came of a parameter's wish (name and value) for another scene: that, or why there is none."""
+
+    wish: tuple[str, str]
+    built: NextScene | None
+    error: Exception | None
+
+
+class SceneBuilder:
+    """Makes simulations as the node's parameters say; in any thread, and nothing that runs is touched.
+
+    Args:
+        settings: Tells the present parameters.
+        logger: The node's.
+    """
+
+    def __init__(self, settings: Callable[[], SimulatorSettings], logger: Any) -> None:
+        self._settings, self._logger = settings, logger
+
+    def build(self, scene: RobotDescription) -> Simulation:
+        """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
+        robot = self._settings().over(scene)
+        compiled, _ = cached_kernels()
+        once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
+        self._logger.info(f"building {robot.name}{once}")
+        backend: Any = self._settings().backend
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            with ending.interruptible():
+                trial = Simulation(replace(robot, controllers=()), backend=backend)
+                with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+                    trial.step()
+                trial.von_mises()
+                simulation = Simulation(robot, backend=backend)
+        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
+            self._logger.warning(sentence)
+        return simulation
+
+    def anew(self, files: SceneFiles) -> NextScene:
+        """The scene as its files are now.
+
+        Raises:
+            SoftSimError: it cannot be loaded or built.
+        """
+        scene = files.load()
+        return NextScene(files, scene, self.build(scene), files.overrides)
+
+    def named(self, name: str, scenes: SceneCatalog) -> NextScene:
+        """A known scene by its name.
+
+        Raises:
+            SoftSimError: it is not known, or cannot be loaded or built.
+        """
+        return self.anew(SceneFiles(scenes.load(name)))
+
+    def overridden(self, overrides: str, files: SceneFiles) -> NextScene:
+        """The scene with other values laid over its files.
+
+        Raises:
+            SoftSimError: it cannot be loaded or built with them.
+        """
+        try:
+            scene = files.try_overrides(overrides)
+            return NextScene(files, scene, self.build(scene), overrides)
+        except Exception as error:
+            raise SoftSimError(f"overrides refused: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """Why something failed, with the kind of an error that is not the suite's."""
+    return str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"

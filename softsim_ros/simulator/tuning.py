@@ -1,0 +1,193 @@
+"""Parameters of the physics: material and damping of the scene that runs, changed between two steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import NamedTuple
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation import Simulation
+from softsim_node.parameters import About, ParameterError, checked, declare_value
+from softsim_node.sentences import sentence_of
+
+RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.499)}
+"""Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
+
+LARGEST = 1.0e12
+"""End of a range that a law leaves open."""
+
+SCENE = {"robot", "overrides"}
+"""Parameters that bring another scene, and with it other parameters of the physics."""
+
+
+class Tunable(NamedTuple):
+    """A physical parameter: its value in the scene's file, and how a running simulation is asked and told."""
+
+    value: float
+    about: About
+    read: Callable[[Simulation], float]
+    write: Callable[[Simulation, float], None]
+
+
+def tunables(robot: RobotDescription) -> dict[str, Tunable]:
+    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`."""
+    scene, found = robot.scene, dict[str, Tunable]()
+    for body in scene.bodies:
+        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
+        for each in body.material.law_for(scene.solver.rotation).parameters:
+            ends = (max(each.lower, -LARGEST), min(each.upper, LARGEST))
+            about = About(
+                text=f"{each.description} of {body.name}",
+                unit="" if each.unit == "-" else each.unit,
+                within=RANGES.get(each.name, ends),
+            )
+            found[f"{prefix}{each.name}"] = Tunable(
+                body.material.values[each.name], about, *_of_material(body.name, each.name)
+            )
+    found["rayleigh_stiffness"] = Tunable(
+        scene.solver.rayleigh_stiffness,
+        About(text="Damping per stiffness", unit="s", within=(0.0, 10.0)),
+        lambda simulation: simulation.parameters.rayleigh_stiffness,
+        lambda simulation, value: simulation.set_damping(rayleigh_stiffness=value),
+    )
+    found["rayleigh_mass"] = Tunable(
+        scene.solver.rayleigh_mass,
+        About(text="Damping per mass", unit="1/s", within=(0.0, 1.0e4)),
+        lambda simulation: simulation.parameters.rayleigh_mass,
+        lambda simulation, value: simulation.set_damping(rayleigh_mass=value),
+    )
+    return found
+
+
+def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDescription:
+    """The robot with other values of its tunables, by their names.
+
+    Raises:
+        SoftSimError: a law does not allow them.
+    """
+    scene, bodies = robot.scene, []
+    for body in scene.bodies:
+        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
+        names = [name for name in body.material.values if f"{prefix}{name}" in values]
+        own = {name: values[f"{prefix}{name}"] for name in names}
+        bodies.append(replace(body, material=body.material.changed(**own)))
+    solver = replace(
+        scene.solver,
+        rayleigh_stiffness=values.get("rayleigh_stiffness", scene.solver.rayleigh_stiffness),
+        rayleigh_mass=values.get("rayleigh_mass", scene.solver.rayleigh_mass),
+    )
+    return robot.with_scene(bodies=tuple(bodies), solver=solver)
+
+
+class TuningParameters:
+    """The parameters of the physics that runs; checked as a whole, then written between two steps.
+
+    Args:
+        node: Whose parameters they are.
+        write: Has the physics thread carry out a change of the simulation.
+    """
+
+    def __init__(self, node: Node, write: Callable[[Callable[[Simulation], None]], object]) -> None:
+        self._node, self._write = node, write
+        self._robot: RobotDescription | None = None
+        self._tunables: dict[str, Tunable] = {}
+        self._is_quiet = False
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+
+    def declare(self, robot: RobotDescription, *, given: bool = True) -> RobotDescription:
+        """Declare the parameters of a robot in place of those of the one before.
+
+        Args:
+            robot: The robot.
+            given: Values given at the start of the node count, not only those of the file.
+
+        Returns:
+            The robot with the values that the parameters have now.
+
+        Raises:
+            ParameterError: a value given at the start is out of range; no parameter of the physics is left.
+        """
+        with self._quietly():
+            for name in self._tunables:
+                self._node.undeclare_parameter(name)
+            self._tunables, values = {}, {}
+            for name, tunable in tunables(robot).items():
+                values[name] = declare_value(self._node, name, tunable.value, tunable.about, given=given)
+                self._tunables[name] = tunable
+        self._robot = with_values(robot, values)
+        return self._robot
+
+    def tune(self, simulation: Simulation) -> None:
+        """Write what differs from the robot's file to a simulation that was built from that."""
+        for name, tunable in self._tunables.items():
+            value = float(self._node.get_parameter(name).value)
+            if value != tunable.value:
+                tunable.write(simulation, value)
+
+    def read(self, simulation: Simulation) -> dict[str, float]:
+        """What a simulation has, by name."""
+        return {name: tunable.read(simulation) for name, tunable in self._tunables.items()}
+
+    def store(self, values: Mapping[str, float]) -> None:
+        """Let the parameters tell what a simulation has already."""
+        with self._quietly():
+            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+
+    @contextmanager
+    def _quietly(self) -> Iterator[None]:
+        self._is_quiet = True
+        try:
+            yield
+        finally:
+            self._is_quiet = False
+
+    def _values(self, changes: list[Parameter]) -> dict[str, float]:
+        values = {}
+        for change in changes:
+            tunable = self._tunables.get(change.name)
+            if tunable is not None:
+                values[change.name] = checked(change.name, change.value, tunable.value, tunable.about)
+        return values
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            values = {} if self._is_quiet else self._values(changes)
+            if values and self._robot is not None:
+                if SCENE & {change.name for change in changes}:
+                    raise ParameterError("set robot or overrides first, and then what the physics has there")
+                with_values(self._robot, values)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=sentence_of(error))
+        return SetParametersResult(successful=True)
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        values = {} if self._is_quiet else self._values(changes)
+        if not values or self._robot is None:
+            return
+        self._robot = with_values(self._robot, values)
+        told = {name: self._tunables[name].write for name in values}
+
+        def write(simulation: Simulation) -> None:
+            for name, value in values.items():
+                told[name](simulation, value)
+
+        self._write(write)
+
+
+def _of_material(
+    body: str, name: str
+) -> tuple[Callable[[Simulation], float], Callable[[Simulation, float], None]]:
+    def read(simulation: Simulation) -> float:
+        return simulation.material(body).values[name]
+
+    def write(simulation: Simulation, value: float) -> None:
+        simulation.set_material(body, **{name: value})
+
+    return read, write

@@ -1,0 +1,187 @@
+"""The stop at random moments of every state of the bridge, measured in the cycles of the emulated board."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from bridge_session import BridgeClient
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from node_processes import spin_until
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge import bridge_node
+from servo_bridge.e_stop import EStop
+from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.servo import bytes_to_angles
+from softsim_core import load_scene
+from softsim_ros.runtime import SpinThread
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator")]
+
+LONGEST_WAY_IN_S = {
+    "driving": 0.3,
+    "activating": 0.3,
+    "deactivating": 0.4,
+    "configuring": 1.5,
+    "reconnecting": 1.5,
+}
+"""How far into each state in [s] the call comes at most."""
+
+WITHIN_S = 0.025
+"""Longest time in [s] from the call to the last pulse of another width: a packet, and a frame of pulses."""
+
+TOLERANCE_US = 1.5
+WHOLE_MOVE_S = 0.6
+"""Long enough in [s] for a way from limit to limit."""
+
+MOVING_S = 0.045
+"""A width that changed so shortly before the call in [s] was still changing: two frames of pulses."""
+
+
+class Stopped:
+    """A bridge in this process on an emulated board, driven by random commands.
+
+    Attributes:
+        calls: When an e-stop arrived at the bridge, in [s] of the board.
+    """
+
+    def __init__(self, client: BridgeClient, board: EmulatedBoardPty, seed: int) -> None:
+        scene = load_scene("tripod")
+        assert scene.board is not None
+        self.calls: list[float] = []
+        self.client, self.board, self.random = client, board, random.Random(seed)
+        self._servos, self._low = scene.board.servos, True
+        self._change = client.node.create_client(ChangeState, "servo_bridge/change_state")
+        assert self._change.wait_for_service(30.0)
+        self._commands = client.publisher(Float64MultiArray, "position_controller/commands")
+
+    def command(self, seconds: float) -> None:
+        """Stream a pose near the other end of the range for so long, in the board's time."""
+        self._low = not self._low
+        pose = [
+            self.random.randrange(60, 70) if self._low else self.random.randrange(170, 181) for _ in range(3)
+        ]
+        message = Float64MultiArray(data=list(bytes_to_angles(pose, self._servos)))
+        end = self.board.time_s + seconds
+        while self.board.time_s < end:
+            self._commands.publish(message)
+            self.let_pass(min(0.02, end - self.board.time_s))
+
+    def let_pass(self, seconds: float) -> None:
+        end = self.board.time_s + seconds
+        assert self.board.wait_for(lambda board: board.time_s > end, 60.0)
+
+    def ask(self, label: str) -> None:
+        """Ask for a transition and do not wait for it."""
+        number = getattr(Transition, f"TRANSITION_{label.upper()}")
+        self._change.call_async(ChangeState.Request(transition=Transition(id=number)))
+
+    def activate(self) -> None:
+        """Sending, with an open port, whatever it was doing before."""
+
+        def active() -> bool:
+            state = self.client.state()
+            wanted = {"unconfigured": "configure", "inactive": "activate"}
+            return state == "active" or (state in wanted and self.client.transition(wanted[state]) and False)
+
+        assert spin_until(active, 60.0), self.client.state()
+
+    def get_to(self, state: str) -> None:
+        """To a random moment of that state, on the way from one end of the range to the other."""
+        if state == "activating":
+            assert self.client.transition("deactivate")
+            self.ask("activate")
+        elif state == "deactivating":
+            self.ask("deactivate")
+        elif state == "configuring":
+            assert self.client.transition("deactivate")
+            assert self.client.transition("cleanup")
+            self.ask("configure")
+        elif state == "reconnecting":
+            self.board.unplug()
+            self.board.replug()
+        self.command(self.random.uniform(0.0, LONGEST_WAY_IN_S[state]))
+
+    def last_change(self) -> float:
+        """When the newest pulse began that had another width than the one before, in [s] of the board."""
+        newest = 0.0
+        for pin in range(3):
+            pulses = [pulse for pulse in self.board.pulses if pulse.channel == pin]
+            for before, after in pairwise(pulses):
+                if abs(after.width_us - before.width_us) > TOLERANCE_US:
+                    newest = max(newest, after.start_s)
+        return newest
+
+
+@pytest.fixture
+def stopped(
+    tmp_path: Path, client: BridgeClient, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[int], Stopped]]:
+    """Starts a bridge that sends to a board of its own."""
+    made: list[Any] = []
+
+    def starter(seed: int) -> Stopped:
+        board = EmulatedBoardPty(link=tmp_path / "board").__enter__()
+        overrides = {"port": str(board.link), "autostart": "activate", "source": "commands"}
+        bridge = bridge_node.ServoBridge(
+            context=client.context,
+            namespace="tripod",
+            parameter_overrides=[Parameter(key, value=value) for key, value in overrides.items()],
+        )
+        spinner = SpinThread([bridge], client.context)
+        spinner.__enter__()
+        made.extend([board, bridge, spinner])
+        result = Stopped(client, board, seed)
+        latch = EStop.latch
+
+        def noted(e_stop: EStop) -> None:
+            result.calls.append(board.time_s)
+            latch(e_stop)
+
+        monkeypatch.setattr(EStop, "latch", noted)
+        return result
+
+    yield starter
+    board, bridge, spinner = made
+    bridge.close()
+    spinner.close()
+    bridge.destroy_node()
+    board.close()
+
+
+@pytest.mark.parametrize("each", [2, pytest.param(40, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("state", LONGEST_WAY_IN_S)
+def test_no_pulse_changes_after_the_stop_nor_after_its_clearing(
+    stopped: Callable[[int], Stopped], state: str, each: int
+) -> None:
+    robot = stopped(list(LONGEST_WAY_IN_S).index(state))
+    moving = 0
+    for number in range(each):
+        robot.activate()
+        robot.command(WHOLE_MOVE_S)
+        robot.get_to(state)
+        assert robot.client.trigger("servo_bridge/e_stop").success
+        robot.let_pass(0.5)
+        call = robot.calls[-1]
+        late = robot.last_change() - call
+        moving += late > -MOVING_S
+        print(f"{state} {number}: last change {1e3 * late:.1f} ms after the call")
+        assert late <= WITHIN_S, (state, number)
+        assert robot.client.trigger("servo_bridge/clear_e_stop").success
+        cleared = robot.board.time_s
+        robot.let_pass(0.5)
+        assert robot.last_change() <= max(call + WITHIN_S, cleared), (state, number)
+        robot.board.clear()
+    assert len(robot.calls) == each
+    assert state != "driving" or 2 * moving > each
+    print(f"{state}: moving at {moving} of {each} calls")

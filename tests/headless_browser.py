@@ -1,0 +1,36 @@
+"""The system's Chromium without a screen: where it is, how it starts, and what spares it the pictures."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+
+import pytest
+
+ARGUMENTS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-dev-shm-usage",
+)
+"""WebGL in software."""
+
+NOTHING_IS_DRAWN = """
+for (const call of ['drawElements', 'drawArrays', 'drawElementsInstanced', 'drawArraysInstanced', 'clear'])
+    WebGL2RenderingContext.prototype[call] = () => {};
+"""
+"""A picture costs a software renderer half a second; nodes, controls and messages are there without it."""
+
+
+def chromium_path() -> str:
+    """Path of Chromium; a skip without it, or a failure with REQUIRE_CHROMIUM=1."""
+    reason = "" if importlib.util.find_spec("playwright") else "playwright is not installed"
+    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    reason = reason or ("" if found else "no Chromium: apt-get install chromium")
+    if reason and os.environ.get("REQUIRE_CHROMIUM"):
+        pytest.fail(reason)
+    if reason:
+        pytest.skip(reason)
+    return str(found)

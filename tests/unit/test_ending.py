@@ -1,0 +1,93 @@
+"""A request to end: looked at between steps, raised where nothing has to be closed, never lost or doubled."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+from node_processes import spin_until
+
+from softsim_node.ending import END_SIGNALS, Ending
+
+
+@pytest.fixture
+def ending() -> Iterator[Ending]:
+    own = Ending()
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    own.watch()
+    return own
+
+
+@pytest.mark.parametrize("number", END_SIGNALS)
+def test_a_signal_is_a_request_that_is_looked_at(ending: Ending, number: signal.Signals) -> None:
+    assert not ending.asked
+    for _ in range(3):
+        signal.raise_signal(number)
+    assert ending.asked
+
+
+def test_inside_interruptible_the_first_signal_raises_and_no_other(ending: Ending) -> None:
+    with pytest.raises(KeyboardInterrupt), ending.interruptible():  # noqa: PT012
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            signal.raise_signal(signal.SIGINT)  # on the way out
+    assert ending.asked
+
+
+def test_a_request_from_before_raises_at_once(ending: Ending) -> None:
+    with ending.interruptible():
+        with ending.orderly():
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt), ending.interruptible():
+            pytest.fail("went on")
+
+
+def test_the_end_of_the_parent_is_a_request(ending: Ending, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "getppid", lambda: 1)
+    assert ending.asked
+    assert ending.is_orphan
+
+
+@pytest.mark.parametrize("how", ["nohup", "environment"])
+def test_a_process_may_outlive_its_parent_where_it_was_started_to(
+    monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN if how == "nohup" else signal.SIG_DFL)
+    monkeypatch.setenv("SOFTSIM_OUTLIVE_PARENT", "0" if how == "nohup" else "1")
+    own = Ending()
+    own.watch()
+    monkeypatch.setattr(os, "getppid", lambda: 1)
+    assert not own.asked
+    signal.raise_signal(signal.SIGHUP)
+    assert own.asked == (how == "environment")
+
+
+def test_when_all_is_closed_signals_are_ignored(ending: Ending) -> None:
+    ending.over()
+    assert {signal.getsignal(number) for number in END_SIGNALS} == {signal.SIG_IGN}
+
+
+@pytest.mark.numba
+def test_an_interrupt_in_a_callback_of_the_compiler_comes_after_it(
+    ending: Ending, capfd: pytest.CaptureFixture[str]
+) -> None:
+    llvm = pytest.importorskip("llvmlite.binding")
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    module = llvm.parse_assembly("define i32 @one() { ret i32 1 }")
+    engine = llvm.create_mcjit_compiler(module, llvm.Target.from_default_triple().create_target_machine())
+    kept = []
+
+    def keep(_: object, compiled: bytes) -> None:
+        signal.raise_signal(signal.SIGINT)
+        kept.append(compiled)
+
+    engine.set_object_cache(keep, lambda _: None)
+    with pytest.raises(KeyboardInterrupt), ending.interruptible():  # noqa: PT012
+        engine.finalize_object()
+        spin_until(lambda: False)
+    assert len(kept) == 1
+    assert capfd.readouterr().err == ""

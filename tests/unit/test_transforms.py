@@ -1,0 +1,97 @@
+"""What is sent on /tf is one tree with REP-105's names, also of two robots in one graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softsim_core import Simulation, load_scene
+from softsim_core.errors import CommandError
+from softsim_core.mechanics.pose import rotation_of
+
+pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Time
+
+from softsim_node.frames import prefix_of
+from softsim_ros.frames import RobotFrames
+from softsim_ros.simulator.objects import bodies_topology
+from softsim_ros.simulator.transforms import FrameTree
+
+STAMP = Time(sec=3)
+
+
+def sent(simulation: Simulation, prefix: str) -> list[Any]:
+    tree = FrameTree(simulation, RobotFrames(prefix))
+    return [*tree.still(STAMP), *tree.moving(simulation, STAMP)]
+
+
+def in_world(transforms: Sequence[Any]) -> dict[str, np.ndarray]:
+    """Poses (4, 4) of all frames; fails where they are no tree under `world`."""
+    parents = {each.child_frame_id: each for each in transforms}
+    assert len(parents) == len(transforms), "a frame has two parents"
+    poses = {"world": np.eye(4)}
+    while len(poses) <= len(parents):
+        ready = [child for child, each in parents.items() if each.header.frame_id in poses]
+        ready = [child for child in ready if child not in poses]
+        assert ready, "frames do not hang on world"
+        for child in ready:
+            shift, turn = parents[child].transform.translation, parents[child].transform.rotation
+            step = np.eye(4)
+            step[:3, 3] = shift.x, shift.y, shift.z
+            step[:3, :3] = rotation_of(np.array([turn.x, turn.y, turn.z, turn.w]))
+            poses[child] = poses[parents[child].header.frame_id] @ step
+    return poses
+
+
+@pytest.mark.parametrize("scene", ["tripod", "cable_gripper", "tripod_maze"])
+def test_two_robots_make_one_tree(scene: str) -> None:
+    simulation = Simulation(load_scene(scene), backend="scipy")
+    transforms = [*sent(simulation, "left/"), *sent(simulation, "lab/right/")]
+    poses = in_world(transforms)
+    assert {"left/base_link", "lab/right/base_link"} <= set(poses)
+    for prefix in ("left/", "lab/right/"):
+        for each in transforms:
+            if each.header.frame_id.startswith(prefix):
+                assert each.child_frame_id.startswith(prefix)
+
+
+def test_frames_are_where_the_simulation_has_them_with_moved_bases() -> None:
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    simulation._state.joint_positions[:] = (-0.5, -0.7, -0.9)
+    simulation._state.base_shift[:] = 0.035
+    poses, frames = in_world(sent(simulation, "tripod/")), simulation.frames()
+    for frame, name in (
+        ("tripod/servo_1_base", "servo_1"),
+        ("tripod/servo_1_horn", "servo_1_horn"),
+        ("tripod/effector", "centre"),
+    ):
+        np.testing.assert_allclose(poses[frame][:3, 3], frames[name].position, atol=1e-12)
+        turn = rotation_of(frames[name].quaternion_xyzw)
+        np.testing.assert_allclose(poses[frame][:3, :3], turn, atol=1e-12)
+
+
+def test_every_rigid_body_has_the_frame_that_its_marker_names() -> None:
+    for scene in ("cable_gripper", "tripod_maze"):
+        simulation = Simulation(load_scene(scene), backend="scipy")
+        tree, poses = FrameTree(simulation, RobotFrames("r/")), in_world(sent(simulation, "r/"))
+        markers = bodies_topology(simulation, tree.of_body).markers
+        assert [marker.ns for marker in markers] == [body.name for body in simulation.rigid_bodies]
+        for marker, pose in zip(markers, simulation.rigid_poses, strict=True):
+            np.testing.assert_allclose(poses[marker.header.frame_id][:3, 3], pose.position, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("namespace", "prefix"), [("/tripod", "tripod/"), ("/", ""), ("", ""), ("/lab/left", "lab/left/")]
+)
+def test_the_prefix_comes_from_the_namespace(namespace: str, prefix: str) -> None:
+    assert prefix_of(namespace) == prefix
+    assert RobotFrames(prefix).base == f"{prefix}base_link"
+
+
+@pytest.mark.parametrize("prefix", ["/left", "a b/", "x\n", "é/"])
+def test_a_prefix_that_tf_refuses_is_refused(prefix: str) -> None:
+    with pytest.raises(CommandError, match=r"frame_prefix .* is refused; allowed are letters"):
+        RobotFrames(prefix)
