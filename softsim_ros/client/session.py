@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 from rclpy.context import Context
@@ -21,6 +22,10 @@ from softsim_ros.client.state import RobotState
 from softsim_ros.runtime import ClosableNode, SpinThread
 
 CONNECT_WITHIN_S: Final = 15.0
+SIMULATOR_WITHIN_S: Final = 4.0
+"""A simulator that was not found whole within this time in [s] is taken for none: robots need none."""
+
+LOOK_PERIOD_S: Final = 0.1
 DONE_WITHIN_S: Final = 90.0
 """An action ends within this time in [s]; the client itself gives up calls without an answer earlier."""
 
@@ -96,15 +101,21 @@ class RobotSession:
         """Wait until the state fulfils a condition; returns that state.
 
         Args:
-            condition: Looked at after each change.
+            condition: Looked at after each change, and every LOOK_PERIOD_S.
             within_s: Longest wait in [s].
             what: What is waited for, in words, for the error.
 
         Raises:
             ClientError: it did not in time.
         """
+        end = time.monotonic() + within_s
         with self._changed:
-            if self._changed.wait_for(lambda: condition(self.state), within_s):
+            while not condition(self.state):
+                left = end - time.monotonic()
+                if left <= 0.0:
+                    break
+                self._changed.wait(min(left, LOOK_PERIOD_S))
+            else:
                 return self.state
         raise ClientError(f"{what} did not hold within {within_s:g} s; {_words(self.state)}")
 
@@ -170,16 +181,20 @@ def connect(
 
 
 def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) -> None:
-    """Wait until joints are heard, and the simulator, where there is one, has answered a question."""
+    """Wait until joints are heard, and the simulator's state, services and limits, where there is one."""
 
-    def is_heard(state: RobotState) -> bool:
-        answered = state.enforce_limits is not None and bool(state.simulator)
-        return state.measured is not None and (answered or not session.client.simulator.is_there)
+    def is_whole(state: RobotState) -> bool:
+        known = state.measured is not None and bool(state.simulator) and state.enforce_limits is not None
+        return known and session.client.simulator.is_whole
 
+    first = min(within_s, SIMULATOR_WITHIN_S)
+    with suppress(ClientError):
+        session.wait_until(is_whole, first)
+        return
     try:
-        session.wait_until(is_heard, within_s)
+        session.wait_until(lambda state: state.measured is not None, within_s - first)
     except ClientError as error:
-        found = listing(running_robots(node)) or "none"
+        found = listing(running_robots(node))
         raise ClientError(
             f"no robot answers in {node.get_namespace()} within {within_s:g} s; running: {found}; "
             "start one with `softsim up tripod` in another terminal"

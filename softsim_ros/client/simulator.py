@@ -47,6 +47,7 @@ class Simulator:
         self._start, self._reset = request(Trigger, "start"), request(Trigger, "reset")
         self._pause, self._step = request(SetBool, "pause"), request(Trigger, "step")
         self._reload = request(Trigger, "reload", RELOAD_WITHIN_S)
+        self._services = (self._start, self._reset, self._pause, self._step, self._reload)
         self._bases = node.create_publisher(MultiDOFJointState, "base_target", NEWEST_ONLY)
         self._wrenches = node.create_publisher(WrenchStamped, "external_wrench", NEWEST_ONLY)
 
@@ -59,6 +60,11 @@ class Simulator:
     def is_there(self) -> bool:
         """Whether it has been found."""
         return self._start.is_there
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all its services have been found."""
+        return all(each.is_there for each in self._services)
 
     # --- time -----------------------------------------------------------------------------------------
 
@@ -152,7 +158,7 @@ class Simulator:
     def poll(self, now: float) -> None:
         """Give up calls that have waited too long, ask for parameters; `now` is a steady clock in [s]."""
         self.parameters.poll(now)
-        for service in (self._start, self._reset, self._pause, self._step, self._reload):
+        for service in self._services:
             service.expire(now)
 
     def _on_change(self, _: object) -> None:
