@@ -104,7 +104,7 @@ Settings = TypeVar("Settings")
 
 
 def declare(node: Node, settings: Settings) -> Settings:
-    """Declare every parameter of `settings`, whose values are the defaults.
+    """Declare the parameters of `settings`, whose values are the defaults; a declared one stays as it is.
 
     Returns:
         The values that the parameters have at the start.
@@ -117,7 +117,7 @@ def declare(node: Node, settings: Settings) -> Settings:
 
 
 def declare_value(node: Node, name: str, default: Any, about: About, *, given: bool = True) -> Any:
-    """Declare one parameter whose name or range is known only at run time; returns its value.
+    """Declare one parameter whose name or range is known only at run time; returns the value it has then.
 
     Args:
         node: Whose parameter it is.
@@ -129,6 +129,8 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
     Raises:
         ParameterError: the value given at the start is not allowed.
     """
+    if node.has_parameter(name):
+        return checked(name, node.get_parameter(name).value, default, about)
     first = list(default) if isinstance(default, tuple) else default
     allowed = about.allowed(default)
     try:
@@ -144,6 +146,8 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
 @contextmanager
 def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
     """A node for the `with` block, to read parameters of this process that its real node is made from.
+
+    Only before the real one is made: at the end of a node the graph forgets all that bear its name.
 
     Args:
         name: Name of the real node.

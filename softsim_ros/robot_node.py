@@ -6,7 +6,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
@@ -53,7 +53,6 @@ class RobotNode(ClosableNode):
         node_name: Name of the node.
         robot: Name of the robot.
         robot_parameter: Value of the parameter `robot`, which a subclass declares.
-        given: Options of rclpy's Node with the values that were given at the start.
         frames: Names of the robot's frames in headers.
         named: The file of the robot that the node was started with, by its names; empty: it has none.
 
@@ -78,7 +77,6 @@ class RobotNode(ClosableNode):
         scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
         self.robot = scene.name
         self.robot_parameter = scene.name if isinstance(robot, RobotDescription) else str(robot)
-        self.given: dict[str, Any] = {"parameter_overrides": overrides}
         names = (self.robot_parameter, scene.name)
         self.named = {} if scene.source is None else dict.fromkeys(names, scene.source)
         super().__init__(

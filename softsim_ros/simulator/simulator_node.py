@@ -25,7 +25,7 @@ from softsim_core.errors import CommandError, SoftSimError, listing
 from softsim_core.scene import SceneCatalog
 from softsim_core.scene.catalog import folders_of
 from softsim_node.help import Program
-from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter_probe
+from softsim_node.parameters import LiveParameters, ParameterError, declare
 from softsim_node.process import run_node
 from softsim_ros.aside import Aside
 from softsim_ros.messages import step_profile
@@ -70,7 +70,7 @@ class Simulator(RobotNode):
     def _begin(self, robot: RobotDescription) -> None:
         self._aside = Aside("another scene is being loaded")
         self._tried: Tried | None = None
-        first = self._asked_first()
+        first = declare(self, SceneSettings(robot=self.robot_parameter))
         self._files = SceneFiles(robot)
         self._files.overrides = first.overrides
         self._scenes = SceneCatalog(self.named, folders_of(first.allow_code))
@@ -143,12 +143,6 @@ class Simulator(RobotNode):
             f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
             f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
         )
-
-    def _asked_first(self) -> SceneSettings:
-        """What has to be known of this node's parameters before the defaults of the others are."""
-        options = {"context": self.context, "namespace": self.get_namespace(), **self.given}
-        with parameter_probe(self.node_name, **options) as probe:
-            return declare(probe, SceneSettings(robot=self.robot_parameter))
 
     def close(self) -> None:
         """End the physics, then destroy the node; a second call does nothing."""

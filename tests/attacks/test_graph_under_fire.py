@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -50,6 +51,9 @@ MOST_WAITING = 40
 
 SETTLE_S = 2.0
 """Nodes whose topics and services became no more for so long are all known, in [s]."""
+
+DISCOVERED_S = 40.0
+"""All are known after this time, in [s]."""
 
 LONGEST_LINE = 700
 """Characters of a line of a log: a sentence of at most 300, the name and the time before it, a path."""
@@ -147,7 +151,9 @@ class Fire:
         graph = client.node
         settings = {f"/{NAMESPACE}/{name}/set_parameters" for name in nodes}
         seen, self.topics, self.services = -1, [], []
+        end = time.monotonic() + DISCOVERED_S
         while seen < len(self.topics) + len(self.services) or not settings <= dict(self.services).keys():
+            assert time.monotonic() < end, settings - dict(self.services).keys()
             seen = len(self.topics) + len(self.services)  # what is discovered late comes within seconds
             threading.Event().wait(SETTLE_S)
             found = [each for each in graph.get_node_names_and_namespaces() if each[0] != "client"]

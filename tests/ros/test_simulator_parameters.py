@@ -25,6 +25,12 @@ def settled_height(robot: Any, spin_until: Any) -> float:
     return float(poses[-1].pose.position.z)
 
 
+def test_the_graph_lists_its_services_of_parameters(tripod: Any, spin_until: Any) -> None:
+    look = tripod.client.node.get_service_names_and_types_by_node
+    wanted = {f"/tripod/simulator/{name}_parameters" for name in ("set", "get", "list", "describe")}
+    assert spin_until(lambda: wanted <= dict(look("simulator", "/tripod")).keys())
+
+
 def test_a_softer_material_sags_more(tripod: Any, spin_until: Any) -> None:
     stiff = settled_height(tripod, spin_until)
     assert tripod.set_parameters(young_modulus=125.0e3) == (True, "")
