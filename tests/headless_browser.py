@@ -18,10 +18,17 @@ ARGUMENTS = (
 """WebGL in software."""
 
 NOTHING_IS_DRAWN = """
-for (const call of ['drawElements', 'drawArrays', 'drawElementsInstanced', 'drawArraysInstanced', 'clear'])
-    WebGL2RenderingContext.prototype[call] = () => {};
+for (const call of ['drawElements', 'drawArrays', 'drawElementsInstanced', 'drawArraysInstanced', 'clear']) {
+    const draw = WebGL2RenderingContext.prototype[call];
+    WebGL2RenderingContext.prototype[call] = function (...given) {
+        if (window.picturesAreDrawn) draw.apply(this, given);
+    };
+}
 """
-"""A picture costs a software renderer half a second; nodes, controls and messages are there without it."""
+"""A picture costs a software renderer half a second; nodes, controls and messages are there without it.
+
+A page draws all the same once its `picturesAreDrawn` is true.
+"""
 
 
 def chromium_path() -> str:

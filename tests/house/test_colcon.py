@@ -116,7 +116,7 @@ def test_colcon_test_finds_tests_in_every_package_and_runs_them(workspace: Path,
         assert "failed" not in done.stdout
     report = ElementTree.parse(workspace / "build" / "softsim_bringup" / "pytest.xml").find("testsuite")
     assert report is not None
-    assert (report.get("tests"), report.get("failures"), report.get("errors")) == ("5", "0", "0")
+    assert (report.get("tests"), report.get("failures"), report.get("errors")) == ("6", "0", "0")
 
 
 def test_configs_are_found_from_elsewhere(workspace: Path, tmp_path: Path) -> None:

@@ -136,8 +136,11 @@ def brings_the_camera_back(driven: Driven, label: str) -> None:
 def saves_a_picture(driven: Driven, label: str) -> None:
     from imageio.v3 import imread
 
-    with driven.page.page.expect_download(timeout=120_000) as saved:
+    page = driven.page.page
+    page.evaluate("window.picturesAreDrawn = true")
+    with page.expect_download(timeout=120_000) as saved:
         driven.page.click(label)
+    page.evaluate("window.picturesAreDrawn = false")
     picture = imread(Path(saved.value.path()), extension=".png")
     assert picture.shape[:2] == (900, 1200)
     assert picture[..., :3].std() > 5.0  # the robot, not one colour
