@@ -93,7 +93,9 @@ class Control:
         return self.spin_until(lambda: self.enable()[0]) and self.enable(False)[0]
 
     def is_quiet(self) -> bool:
-        """Whether no command comes for the time of fifty ticks of the simulator."""
+        """Whether no command comes for the time of fifty ticks of the simulator, once those sent have come."""
+        seen = len(self.states)
+        self.spin_until(lambda: len(self.states) > seen + 5)
         self.commands.clear()
         seen = len(self.states)
         return self.spin_until(lambda: len(self.states) > seen + 50) and not self.commands
