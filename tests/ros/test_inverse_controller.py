@@ -93,7 +93,7 @@ class Control:
         return self.spin_until(lambda: self.enable()[0]) and self.enable(False)[0]
 
     def is_quiet(self) -> bool:
-        """Whether no command comes for the time of fifty ticks of the simulator, once those sent have come."""
+        """Whether no command comes for fifty ticks of the simulator, once those on their way have come."""
         seen = len(self.states)
         self.spin_until(lambda: len(self.states) > seen + 5)
         self.commands.clear()
