@@ -36,6 +36,9 @@ PROGRAM = Program(
 
 PUBLISH_PERIOD_S = 0.1
 
+KEPT = 1000
+"""Pulses that the board remembers: it runs for days."""
+
 
 class EmulatedBoardNode(BoardNode):
     """An emulated board and its measured pulse widths, on `emulated_board/pulse_widths` ([us]; empty: none).
@@ -64,7 +67,7 @@ class EmulatedBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path)
+        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path, log_length=KEPT)
         self._failed = False
         self._widths: Publisher = self.create_publisher(
             Float64MultiArray, "emulated_board/pulse_widths", QoSProfile(depth=1)

@@ -43,6 +43,9 @@ PROGRAM = Program(
 
 PUBLISH_PERIOD_S = 0.02
 
+KEPT = 100
+"""Packets that the board remembers: it runs for days."""
+
 
 class VirtualBoardNode(BoardNode):
     """A virtual board and what its servos are told, on `virtual_board/servo_bytes` (bytes in [deg]).
@@ -70,7 +73,9 @@ class VirtualBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        self.board = VirtualBoard(self.settings.servos, self.link_path, protocol=self.settings.protocol)
+        self.board = VirtualBoard(
+            self.settings.servos, self.link_path, protocol=self.settings.protocol, log_length=KEPT
+        )
         self._seen = 0
         self._bytes: Publisher = self.create_publisher(
             UInt8MultiArray, "virtual_board/servo_bytes", QoSProfile(depth=10)

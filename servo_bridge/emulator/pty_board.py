@@ -39,6 +39,7 @@ class EmulatedBoardPty(PtyBoard):
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
         baud_rate: Speed of the line to the board; what the port is opened with does not matter.
         line: What the line makes of bytes, either way: noise, for tests; None leaves them as they are.
+        log_length: Pulses kept in `pulses`; older ones are forgotten.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
@@ -53,9 +54,10 @@ class EmulatedBoardPty(PtyBoard):
         link: Path | str | None = None,
         baud_rate: int = BAUD_RATE,
         line: Callable[[bytes], bytes] | None = None,
+        log_length: int = LOG_LENGTH,
     ) -> None:
         super().__init__(link)
-        self._board = EmulatedBoard(hex_path, bootloader, LOG_LENGTH, baud_rate)
+        self._board = EmulatedBoard(hex_path, bootloader, log_length, baud_rate)
         self._line = line or bytes
         self._running = True
         self._failure = ""

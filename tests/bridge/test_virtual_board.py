@@ -90,3 +90,23 @@ def test_a_stale_link_of_a_killed_board_is_taken_over(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "gone")
     with VirtualBoard(link=tmp_path / "link") as board, SerialTransport(board.port):
         assert board.wait_for(lambda b: b.is_open)
+
+
+@pytest.mark.ros
+def test_as_a_node_it_remembers_a_hundred_packets(ros_domain: int) -> None:
+    """It runs for days: all packets of a minute at 50 Hz are 0.43 MB."""
+    context_module = pytest.importorskip("rclpy.context")
+    from servo_bridge.virtual_board_node import KEPT, VirtualBoardNode
+
+    context = context_module.Context()
+    context.init(args=[], domain_id=ros_domain)
+    node = VirtualBoardNode(context=context)
+    try:
+        with SerialTransport(node.board.port) as transport:
+            for count in range(1, 31):
+                transport.write(10 * bytes([255, 60, 120, 180]))
+                assert node.board.wait_for(lambda b, count=count: b.accepted == 10 * count)
+        assert len(node.board.packets) == KEPT
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
