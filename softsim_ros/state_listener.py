@@ -11,6 +11,9 @@ from rclpy.node import Node
 from servo_bridge.state_topics import STATE_QOS
 from softsim_ros.messages.state_topics import STATE_TOPICS
 
+GID_PREFIX = 12
+"""Bytes of an endpoint's identifier that name its participant (DDS interoperability protocol, 8.2.4)."""
+
 
 class StateListener:
     """Follows one of STATE_TOPICS in a node's namespace.
@@ -27,12 +30,11 @@ class StateListener:
 
     def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
         self.value: Any = None
-        self._newest: Any = None
-        self._changed = changed
+        self._node, self._newest, self._changed = node, None, changed
         events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
-        node.create_subscription(
+        self._topic = node.create_subscription(
             STATE_TOPICS[topic], topic, self._on_message, STATE_QOS, event_callbacks=events
-        )
+        ).topic_name
 
     def _on_message(self, message: Any) -> None:
         self._newest = getattr(message, "data", message)
@@ -40,9 +42,24 @@ class StateListener:
 
     def _on_liveliness(self, status: Any) -> None:
         """A publisher began or ended; one that was only stopped goes on with what it said last."""
-        self._take(self._newest if status.alive_count else None)
+        self._take(self._newest if status.alive_count or self._lives_here() else None)
+
+    def _lives_here(self) -> bool:
+        """Whether a publisher shares this node's context, where Fast DDS tells nobody that it is alive."""
+        own = {
+            _participant(each)
+            for each in self._node.get_subscriptions_info_by_topic(self._topic)
+            if (each.node_name, each.node_namespace) == (self._node.get_name(), self._node.get_namespace())
+        }
+        found = self._node.get_publishers_info_by_topic(self._topic)
+        return any(_participant(each) in own for each in found)
 
     def _take(self, value: Any) -> None:
         if value != self.value:
             self.value = value
             self._changed(value)
+
+
+def _participant(endpoint: Any) -> bytes:
+    """What the identifiers of all endpoints of one context begin with."""
+    return bytes(endpoint.endpoint_gid[:GID_PREFIX])

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.ros
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
-from servo_bridge.state_topics import StateTopics  # noqa: E402
+from servo_bridge.state_topics import LEASE_S, StateTopics  # noqa: E402
 from softsim_ros.messages.state_topics import STATE_TOPICS  # noqa: E402
 from softsim_ros.runtime import ClosableNode, SpinThread  # noqa: E402
 from softsim_ros.state_listener import StateListener  # noqa: E402
@@ -53,6 +53,19 @@ def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until
             assert spin_until(lambda: len(heard) == 3)
     finally:
         node.close()
+
+
+@pytest.mark.slow
+def test_in_one_process_it_lasts_as_long_as_its_publisher(client: Any, spin_until: Any) -> None:
+    """As in `softsim up`, whose terminal hears the nodes beside it."""
+    node = ClosableNode("recorder", context=client.context, namespace="tripod")
+    StateTopics(node, {"~/enabled": (Bool, lambda: Bool(data=True))})
+    enabled = StateListener(client.node, "recorder/enabled")
+    with SpinThread([node], client.context):
+        assert spin_until(lambda: enabled.value is True)
+        assert not spin_until(lambda: enabled.value is None, 2.0 * LEASE_S)
+    node.close()
+    assert spin_until(lambda: enabled.value is None)
 
 
 @pytest.mark.slow
