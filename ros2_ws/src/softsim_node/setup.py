@@ -14,6 +14,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # by which colcon knows what runs the tests
     zip_safe=False,
     maintainer="the softsim authors",
     maintainer_email="softsim@users.noreply.example.org",
