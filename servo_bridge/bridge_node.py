@@ -87,7 +87,7 @@ class ServoBridge(GuardedLifecycleNode):
         parameters.check(self._live.values)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
-        self._e_stop = EStop()  # outside that lock
+        self._e_stop = EStop(self._hurry_writer)  # outside that lock
         self._driver: ServoDriver | None = None
         self._sending = False
         self._closed = False
@@ -278,6 +278,11 @@ class ServoBridge(GuardedLifecycleNode):
         self._lost = None  # of the port before; what this writer will find is kept, also while activating
         if self._driver is not None:
             self._writer = PeriodicThread(self._tick, self._driver.period)
+
+    def _hurry_writer(self) -> None:
+        writer = self._writer
+        if writer is not None:
+            writer.hurry()
 
     def _stop_writer(self) -> None:
         writer, self._writer = self._writer, None

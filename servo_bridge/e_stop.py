@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import itertools
 import threading
+from collections.abc import Callable
 
 
 class EStop:
     """A latch that any thread sets and clears without waiting for anybody.
 
+    Args:
+        hurry: Called at each latching: the packet that carries it shall leave at once.
+
     Attributes:
         count: Times that it was latched: who missed a latching and its clearing sees it here.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hurry: Callable[[], None] = lambda: None) -> None:
         self.count = 0
+        self._hurry = hurry
         self._numbers = itertools.count(1)
         self._latched, self._heeded = threading.Event(), threading.Event()
 
@@ -24,10 +29,11 @@ class EStop:
         return self._latched.is_set()
 
     def latch(self) -> None:
-        """Stop every servo with the next packet, until `clear`."""
+        """Stop every servo with a packet that leaves at once, until `clear`."""
         self._heeded.clear()
         self.count = next(self._numbers)
         self._latched.set()
+        self._hurry()
 
     def heed(self) -> None:
         """Whoever writes packets has told the board, or has nothing to tell it."""

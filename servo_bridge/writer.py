@@ -45,7 +45,7 @@ class PeriodicThread:
             raise ValueError(f"period {period} s refused; it must be finite and > 0 s")
         self._tick, self.period = tick, period
         self.failure: Exception | None = None
-        self._stop = threading.Event()
+        self._stopped, self._wake = False, threading.Event()
         self._periods: deque[float] = deque(maxlen=max(1, round(1.0 / period)))
         self._missed = 0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -53,7 +53,12 @@ class PeriodicThread:
 
     def stop(self) -> None:
         """Ask the thread to end; it may be in its last call still."""
-        self._stop.set()
+        self._stopped = True
+        self._wake.set()
+
+    def hurry(self) -> None:
+        """Make the next call at once; the beat goes on from there."""
+        self._wake.set()
 
     def join(self) -> None:
         """Wait for the end of the thread; call it without a lock that `tick` takes."""
@@ -77,9 +82,15 @@ class PeriodicThread:
     def _keep_time(self) -> None:
         due = time.monotonic()
         last: float | None = None
-        while not self._stop.wait(max(due - time.monotonic(), 0.0)):
+        while True:
+            hurried = self._wake.wait(max(due - time.monotonic(), 0.0))
+            if self._stopped:
+                return
             now = time.monotonic()
-            if last is not None:
+            if hurried:
+                self._wake.clear()
+                due = now
+            elif last is not None:
                 self._periods.append(now - last)
             last = now
             self._tick()

@@ -6,6 +6,8 @@ import threading
 import time
 from itertools import pairwise
 
+import pytest
+
 from servo_bridge.writer import PeriodicThread
 
 
@@ -63,3 +65,25 @@ def test_it_can_stop_itself_and_be_joined_from_its_own_call() -> None:
     assert done.wait(10.0)
     thread.join()
     assert thread.figures() is None
+
+
+def test_a_hurried_call_comes_at_once_and_the_beat_goes_on_from_it() -> None:
+    calls: list[float] = []
+    came = threading.Condition()
+
+    def tick() -> None:
+        with came:
+            calls.append(time.monotonic())
+            came.notify_all()
+
+    thread = PeriodicThread(tick, 0.5)
+    with came:
+        assert came.wait_for(lambda: len(calls) == 1, 10.0)
+    asked = time.monotonic()
+    thread.hurry()
+    with came:
+        assert came.wait_for(lambda: len(calls) == 3, 10.0)
+    thread.stop()
+    thread.join()
+    assert calls[1] - asked < 0.25  # half a period: it was not waited for the beat
+    assert calls[2] - calls[1] == pytest.approx(0.5, abs=0.2)
