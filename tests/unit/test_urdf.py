@@ -30,10 +30,10 @@ def parsed(robot: str) -> ElementTree.Element:
 
 def forward_kinematics(root: ElementTree.Element, joints: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Poses (4, 4) of all links by the rules of URDF, from its text alone."""
-    poses, todo = {"base_link": np.eye(4)}, root.findall("joint")
-    while todo:
-        joint = next(each for each in todo if each.find("parent").get("link") in poses)
-        todo.remove(joint)
+    poses, waiting = {"base_link": np.eye(4)}, root.findall("joint")
+    while waiting:
+        joint = next(each for each in waiting if each.find("parent").get("link") in poses)
+        waiting.remove(joint)
         origin, step, motion = joint.find("origin"), np.eye(4), np.eye(4)
         step[:3, 3] = np.fromstring(origin.get("xyz"), sep=" ")
         step[:3, :3] = Rotation.from_euler("xyz", np.fromstring(origin.get("rpy"), sep=" ")).as_matrix()
