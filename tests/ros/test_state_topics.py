@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
+from rclpy.node import NodeNameNonExistentError  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
@@ -22,12 +23,15 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def state_topics_of(client: Any, node: str) -> set[str]:
-    """Names and types of STATE_TOPICS that a node of the robot publishes, as the graph tells them."""
+    """Names and types of STATE_TOPICS that a node of the robot publishes, as far as the graph knows them."""
     kinds = {
         f"/tripod/{name}": f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         for name, kind in STATE_TOPICS.items()
     }
-    offered = client.node.get_publisher_names_and_types_by_node(node, "/tripod")
+    try:
+        offered = client.node.get_publisher_names_and_types_by_node(node, "/tripod")
+    except NodeNameNonExistentError:  # not discovered yet
+        return set()
     return {
         name.removeprefix(f"/tripod/{node}/") for name, types in offered if types == [kinds.get(name, "")]
     }
