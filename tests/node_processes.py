@@ -198,6 +198,21 @@ class Client:
             futures.append(client.call_async(request))
         return next(each.result() for each in futures if each.done())
 
+    def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
+        """Types of the topics that a node publishes (or of its services) by name, as far as the graph knows."""
+        from rclpy.node import NodeNameNonExistentError
+
+        graph = self.node
+        ask = (
+            graph.get_service_names_and_types_by_node
+            if services
+            else graph.get_publisher_names_and_types_by_node
+        )
+        try:
+            return dict(ask(node, namespace))
+        except NodeNameNonExistentError:  # not discovered yet
+            return {}
+
     def close(self) -> None:
         self._spinner.close()
         self.node.destroy_node()

@@ -26,9 +26,8 @@ def settled_height(robot: Any, spin_until: Any) -> float:
 
 
 def test_the_graph_lists_its_services_of_parameters(tripod: Any, spin_until: Any) -> None:
-    look = tripod.client.node.get_service_names_and_types_by_node
     wanted = {f"/tripod/simulator/{name}_parameters" for name in ("set", "get", "list", "describe")}
-    assert spin_until(lambda: wanted <= dict(look("simulator", "/tripod")).keys())
+    assert spin_until(lambda: wanted <= tripod.client.offered("simulator", "/tripod", services=True).keys())
 
 
 def test_a_softer_material_sags_more(tripod: Any, spin_until: Any) -> None:

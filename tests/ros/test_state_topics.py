@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
-from rclpy.node import NodeNameNonExistentError  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
@@ -28,10 +27,7 @@ def state_topics_of(client: Any, node: str) -> set[str]:
         f"/tripod/{name}": f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         for name, kind in STATE_TOPICS.items()
     }
-    try:
-        offered = client.node.get_publisher_names_and_types_by_node(node, "/tripod")
-    except NodeNameNonExistentError:  # not discovered yet
-        return set()
+    offered = client.offered(node, "/tripod").items()
     return {
         name.removeprefix(f"/tripod/{node}/") for name, types in offered if types == [kinds.get(name, "")]
     }
