@@ -199,7 +199,7 @@ class Client:
         return next(each.result() for each in futures if each.done())
 
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
-        """Types of the topics that a node publishes (or of its services) by name, as far as the graph knows."""
+        """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
         from rclpy.node import NodeNameNonExistentError
 
         graph = self.node

@@ -138,7 +138,7 @@ def test_configs_are_found_from_elsewhere(workspace: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("package", "name", "arguments", "says"),
     [
-        # the path that compiles nothing: the kernels of a copy would be compiled anew, minutes on a busy machine
+        # nothing to compile: the kernels of a copy would take minutes on a busy machine
         ("softsim_ros", "simulator", ("--ros-args", "-p", "backend:=scipy"), "simulating tripod"),
         ("servo_bridge", "virtual_board", (), "virtual board on /dev/pts/"),
         (
