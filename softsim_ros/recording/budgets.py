@@ -8,13 +8,13 @@ bags that are compressed as a whole, which the reader would unpack to the disk w
 from __future__ import annotations
 
 import struct
-from binascii import crc32
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag2 import ReaderError, reader, storage_mcap
 
+from softsim_ros.recording.checksums import read_data_section, read_summary
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.torn_files import FOOTER, MAGIC
 
@@ -31,11 +31,12 @@ MOST_METADATA_BYTES: Final = 8 * 2**20
 CHUNK: Final = 0x06
 _HEAD: Final = struct.Struct("<BQ")
 _CHUNK_HEAD: Final = struct.Struct("<QQQI")
-_FOOTER: Final = struct.Struct("<QQI")
 
 
 def hold_budget(path: Path) -> None:
-    """Refuse a bag, a folder or one storage file, that would unpack to too much or whose index is damaged.
+    """Refuse a bag (a folder or one storage file) that unpacks to too much or does not match its checksums.
+
+    Every byte is read, at the pace of the disk: the bytes between chunks have no other checksum.
 
     Raises:
         BagError: says what is too large or damaged.
@@ -47,7 +48,7 @@ def hold_budget(path: Path) -> None:
     for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
         if file.suffix == ".mcap":
             total += _unpacked_bytes(path, file)
-            _check_summary(path, file)
+            _check_sums(path, file)
     if total > MOST_BAG_BYTES:
         raise BagError(path, f"is refused: it would unpack to more than {MOST_BAG_BYTES >> 30} GiB")
 
@@ -80,38 +81,14 @@ def _unpacked_bytes(path: Path, file: Path) -> int:
     return total
 
 
-def _check_summary(path: Path, file: Path) -> None:
-    """Compare the summary at the end of a file with its checksum, where it has one."""
+def _check_sums(path: Path, file: Path) -> None:
+    """Compare what stands before and in the index of a file with their checksums, where it has them."""
     with file.open("rb") as stream:
-        summary = _summary(stream)
-    if summary is not None and summary[1] not in (0, crc32(summary[0])):
+        summary, data = read_summary(stream), read_data_section(stream)
+    if summary is not None and summary.told not in (0, summary.counted):
         raise BagError(path, "is damaged: the index at its end does not match its checksum")
-
-
-def _summary(stream: BinaryIO) -> tuple[bytes, int] | None:
-    """The bytes that the checksum of the summary is about, and the checksum; None: there is no summary."""
-    end = stream.seek(0, 2) - len(MAGIC) - _FOOTER.size
-    if end < 0:
-        return None
-    stream.seek(end)
-    begin, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
-    if not 0 < begin <= end or end - begin > 2**30:
-        return None
-    stream.seek(begin)
-    return stream.read(end + _FOOTER.size - 4 - begin), checksum
-
-
-def write_summary_checksum(file: Path) -> None:
-    """Write the checksum of the summary into the footer of a whole file.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    with file.open("r+b") as stream:
-        summary = _summary(stream)
-        if summary is not None:
-            stream.seek(-len(MAGIC) - 4, 2)
-            stream.write(struct.pack("<I", crc32(summary[0])))
+    if data is not None and data.told not in (0, data.counted):
+        raise BagError(path, "is damaged: its data do not match their checksum (bits have changed since)")
 
 
 def _zstd(data: bytes, size: int) -> bytes:

@@ -55,6 +55,9 @@ SETTLE_S = 2.0
 DISCOVERED_S = 40.0
 """All are known after this time, in [s]."""
 
+BUILT_S = 180.0
+"""The simulator runs after this time, in [s]: in a fresh checkout its kernels are compiled first."""
+
 LONGEST_LINE = 700
 """Characters of a line of a log: a sentence of at most 300, the name and the time before it, a path."""
 
@@ -132,6 +135,7 @@ def all_running(start: ProcessGroup, client: Client, board: Path) -> dict[str, N
         return {*running} - {name for name, _ in client.node.get_node_names_and_namespaces()}
 
     assert spin_until(lambda: not missing(), 60.0), (missing(), start.output)
+    assert running["simulator"].says("simulating", BUILT_S), start.output
     return running
 
 

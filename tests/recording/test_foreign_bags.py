@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from binascii import crc32
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from softsim_ros.recording.torn_files import MAGIC
 
 pytestmark = pytest.mark.slow
 
-CHUNK = 6
+CHUNK, DATA_END = 6, 15
 
 
 def read(path: Path) -> list[tuple[str, int, bytes]]:
@@ -57,6 +58,38 @@ def test_every_chunk_and_the_index_carry_their_checksum(tmp_path: Path) -> None:
         assert checksum == crc32(storage_mcap.zstd.decompress(packed)) != 0
     begin = struct.unpack_from("<Q", data, len(data) - 28)[0]
     assert struct.unpack_from("<I", data, len(data) - 12)[0] == crc32(data[begin:-12]) != 0
+    kind, length, checksum = struct.unpack_from("<BQI", data, begin - 13)
+    assert (kind, length) == (DATA_END, 4)
+    assert checksum == crc32(data[: begin - 13]) != 0
+
+
+def test_an_independent_reader_agrees_with_all_checksums(tmp_path: Path) -> None:
+    stream_reader = pytest.importorskip("mcap.stream_reader")
+    write(tmp_path / "bag", rows(50)).close()
+    data = bytearray((tmp_path / "bag" / "bag.mcap").read_bytes())
+    assert list(stream_reader.StreamReader(BytesIO(data), validate_crcs=True).records)
+    data[chunks(data)[-1][1] + 30] ^= 1  # in the index of the messages, behind the chunk
+    with pytest.raises(stream_reader.CRCValidationError):
+        list(stream_reader.StreamReader(BytesIO(data), validate_crcs=True).records)
+
+
+def test_a_flipped_bit_anywhere_before_the_index_is_found(tmp_path: Path) -> None:
+    writer = write(tmp_path / "bag", rows(100))
+    writer.flush()
+    writer.write(COMMANDS, 10**15, command([1.0]))
+    writer.close()
+    file, rng = tmp_path / "bag" / "bag.mcap", np.random.default_rng(3)
+    whole = file.read_bytes()
+    summary = struct.unpack_from("<Q", whole, len(whole) - 28)[0]
+    inside = {place for begin, end in chunks(whole) for place in range(begin + 40, end)}
+    between = sorted({*range(len(MAGIC), summary)} - inside)  # heads, indices of messages, metadata
+    for place in (between[int(each)] for each in rng.integers(0, len(between), 100)):
+        broken = bytearray(whole)
+        broken[place] ^= 1 << int(rng.integers(8))
+        file.write_bytes(broken)
+        with pytest.raises(BagError, match=r"damaged|cannot be read|refused|was not closed") as caught:
+            Bag(tmp_path / "bag")
+        assert len(str(caught.value)) < 300 + len(str(tmp_path))
 
 
 @pytest.mark.parametrize("seed", range(3))
