@@ -16,7 +16,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from softsim_core.errors import SoftSimError
-from softsim_node import discovery
+from softsim_node import discovery, security
 from softsim_node.ending import OUTLIVE, ending
 from softsim_node.environment import prepare_environment
 from softsim_node.help import Program
@@ -55,13 +55,16 @@ def start_ros(words: Sequence[str] = ()) -> None:
     Raises:
         MixedRosError: two installations of ROS would meet in this process.
         DiscoveryError: the wish for a discovery range is not allowed.
-        RosStartError: wrong --ros-args.
+        RosStartError: wrong --ros-args, or keys that security wants are missing.
+        SecurityError: security is wanted, and this installation of ROS has none.
     """
     prepare_environment()
     try:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # classes of rclpy's extension, which end in the place in its source
         raise RosStartError(str(error).splitlines()[0].split(", at /")[0]) from error
+    if security.is_wanted(os.environ):
+        security.need_security()
 
 
 @contextmanager
@@ -109,6 +112,8 @@ def run_node(
             if not ending.asked:
                 node = build(options)
                 node.get_logger().info(discovery.sentence(os.environ))
+                if warning := security.warning(os.environ):
+                    node.get_logger().warning(warning)
                 (serve or serve_callbacks)(node)
                 _tell_orphan(node)
     except (SoftSimError, ParameterException) as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Final
 
@@ -45,6 +45,7 @@ class Wishes:
     viewer: str = _word("false", "with the web page", *SWITCH)
     control: str = _word("false", "with ros2_control's joint trajectory controller", *SWITCH)
     rviz: str = _word("false", "show the robot in RViz", *SWITCH)
+    enclaves: str = _word("false", "each node in its enclave of SROS 2, /NAMESPACE/EXECUTABLE", *SWITCH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,7 @@ class PlannedNode:
         arguments: Words of its command line.
         parameter_file: File of more parameters; None: none.
         ends_all: Whether the launch ends with it.
+        enclave: Path of its enclave of SROS 2; empty: the common one.
     """
 
     package: str
@@ -66,6 +68,7 @@ class PlannedNode:
     arguments: tuple[str, ...] = ()
     parameter_file: Path | None = None
     ends_all: bool = False
+    enclave: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +114,9 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
         file.write_text(rviz_config(robot, prefix_of(namespace)), encoding="utf-8")
         nodes.append(PlannedNode("rviz2", "rviz2", arguments=("-d", str(file))))
     teleop = f"ros2 run softsim_ros teleop --ros-args -p robot:={wishes.robot} -r __ns:=/{namespace}"
+    if wishes.enclaves == "true":
+        teleop += f" --enclave /{namespace}/teleop"
+        nodes = [replace(node, enclave=f"/{namespace}/{node.executable}") for node in nodes]
     return Plan(namespace, tuple(nodes), f"drive it from another terminal: {teleop}")
 
 

@@ -85,6 +85,7 @@ def test_every_package_and_executable_is_installed(workspace: Path) -> None:
         "control/tripod_controllers.yaml",
         "foxglove/tripod_foxglove.json",
         "rviz/tripod.rviz",
+        "security/simulator.xml",
         "configs/robots/tripod.yaml",
     ):
         assert (share / file).is_file()

@@ -50,6 +50,15 @@ def test_every_robot_gets_what_it_has(tmp_path: Path) -> None:
     assert "-p robot:=tripod -r __ns:=/tripod" in planned.hint
 
 
+def test_each_node_gets_its_enclave_where_that_is_wished(tmp_path: Path) -> None:
+    everything = plan(Wishes(namespace="lab/left", enclaves="true", rviz="true"), tmp_path)
+    assert {each.enclave for each in everything.nodes} == {
+        f"/lab/left/{name}" for name in ("simulator", "virtual_board", "servo_bridge", "rviz2")
+    }
+    assert everything.hint.endswith("--enclave /lab/left/teleop")
+    assert {each.enclave for each in plan(Wishes(), tmp_path).nodes} == {""}
+
+
 def test_two_robots_share_neither_namespace_nor_board(tmp_path: Path) -> None:
     left, right = (plan(Wishes(namespace=name), tmp_path) for name in ("/left", "/lab/left"))
     assert (left.namespace, right.namespace) == ("left", "lab/left")

@@ -27,6 +27,7 @@ setup(
         *installed("control"),
         *installed("foxglove"),
         *installed("rviz"),
+        *installed("security"),
         *installed("configs"),
     ],
     install_requires=["setuptools"],
@@ -34,6 +35,6 @@ setup(
     zip_safe=False,
     maintainer="the softsim authors",
     maintainer_email="softsim@users.noreply.example.org",
-    description="Launch files, files for RViz, Foxglove and ros2_control, the robots' and scenes' files.",
+    description="Launch files, files for RViz, Foxglove, ros2_control, SROS 2; robots' and scenes' files.",
     license="Apache-2.0",
 )

@@ -67,6 +67,7 @@ def _node(planned: PlannedNode, namespace: str) -> Node:
         namespace=namespace,
         parameters=parameters,
         arguments=list(planned.arguments),
+        ros_arguments=["--enclave", planned.enclave] if planned.enclave else [],
         output="screen",
         on_exit=Shutdown(reason=f"{planned.executable} has ended") if planned.ends_all else None,
     )
