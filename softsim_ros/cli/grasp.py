@@ -158,7 +158,8 @@ class Grasp:
         }
 
     def _on_poses(self, message: PoseArray) -> None:
-        if CUBE not in self._shapes or FLOOR not in self._shapes:
+        known = CUBE in self._shapes and FLOOR in self._shapes
+        if not known or len(message.poses) != len(self._shapes):  # nothing told yet, or another scene
             return
         time_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         cube, floor = (_placed(*self._shapes[name], message.poses) for name in (CUBE, FLOOR))

@@ -5,7 +5,7 @@ from softsim_ros.messages.buffers import message_array
 from softsim_ros.messages.colours import stress_colours
 from softsim_ros.messages.diagnostics import diagnostic_array, diagnostic_values
 from softsim_ros.messages.marker import MarkerTemplate
-from softsim_ros.messages.meshes import point_cloud, read_point_cloud, topology
+from softsim_ros.messages.meshes import mesh_checksum, point_cloud, read_point_cloud, topology
 from softsim_ros.messages.moving_markers import MovingMarkers
 from softsim_ros.messages.profiles import read_step_profile, step_profile
 from softsim_ros.messages.states import (
@@ -27,6 +27,7 @@ __all__ = [
     "diagnostic_values",
     "header",
     "joint_state",
+    "mesh_checksum",
     "message_array",
     "point_cloud",
     "pose",

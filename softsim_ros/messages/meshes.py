@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from binascii import crc32
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
@@ -64,3 +66,14 @@ def topology(points: Array, triangles: IndexArray) -> Mesh:
         triangles=[MeshTriangle(vertex_indices=corner) for corner in corners],
         vertices=[Point(x=x, y=y, z=z) for x, y, z in np.asarray(points, dtype=float).tolist()],
     )
+
+
+def mesh_checksum(cells: IndexArray, points: Array | None = None) -> int:
+    """CRC-32 by which a mesh is known again, whichever way it came.
+
+    Args:
+        cells: Point indices, shape (k, corners).
+        points: Rest positions in [m], shape (p, 3); None: the cells tell enough.
+    """
+    before = 0 if points is None else crc32(np.ascontiguousarray(points, dtype="<f8").tobytes())
+    return crc32(np.ascontiguousarray(cells, dtype="<u4").tobytes(), before)

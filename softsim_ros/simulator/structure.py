@@ -76,7 +76,8 @@ def structure(
         such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
-        rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`.
+        rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics,
+        of the meshes that belong to this generation.
     """
     scene, model, source = simulation.scene, simulation.model, simulation.robot.source
     bodies, point, triangle = [], 0, 0
@@ -111,6 +112,12 @@ def structure(
         "frames": list(simulation.frames()),
         "bodies": bodies,
         "zones": zones,
+        "checksums": {
+            "mesh/topology": messages.mesh_checksum(
+                simulation.visual_triangles, simulation.visual_rest_points
+            ),
+            "mesh/tetrahedra": messages.mesh_checksum(simulation.tets),
+        },
     }
 
 

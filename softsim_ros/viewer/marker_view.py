@@ -160,8 +160,10 @@ class RigidView:
             frame.show_axes = axes and there
 
     def move(self, message: PoseArray) -> None:
-        """Place the bodies, in their order."""
-        for (_, frame, _), pose in zip(self._bodies, message.poses, strict=False):
+        """Place the bodies, in their order; poses of another number of bodies are of another scene."""
+        if len(message.poses) != len(self._bodies):
+            return
+        for (_, frame, _), pose in zip(self._bodies, message.poses, strict=True):
             turn = pose.orientation
             frame.position = (MM * pose.position.x, MM * pose.position.y, MM * pose.position.z)
             frame.wxyz = (turn.w, turn.x, turn.y, turn.z)

@@ -15,13 +15,13 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String, UInt32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.scene.location import Place, place_of
 from softsim_core.scene.overrides import Steps
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.client.state import EffectorPose
-from softsim_ros.messages import read_point_cloud
+from softsim_ros.messages import mesh_checksum, read_point_cloud
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
@@ -83,8 +83,8 @@ class Picture:
         self._seen = ""
         self._begun: tuple[str, ViewSettings] | None = None
         self._rigid: MarkerArray | None = None
-        self._topology: Mesh | None = None
-        self._tetrahedra = np.zeros((0, 4), np.int64)
+        self._surface: tuple[Array, IndexArray] | None = None
+        self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
         self._points: PointCloud2 | None = None
         self._nodes: PointCloud2 | None = None
         self._frames: PoseArray | None = None
@@ -136,17 +136,19 @@ class Picture:
     def show_known(self) -> None:
         """Draw what has come already: it may have come before the structure did."""
         self._show_surface()
-        if self._rigid is not None:
-            self.stage.show_rigid(self._rigid)
+        self._show_rigid()
 
     def _on_structure(self, message: String) -> None:
         told = read_scene_message(message.data)
         if self._scene is None or told.generation != self._scene.generation:
             self._scene = told
+            self._points = self._nodes = self._frames = None  # where things of the scene before were
             self._on_scene(told.robot)
 
     def _on_topology(self, message: Mesh) -> None:
-        self._topology = message
+        points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
+        triangles = np.array([t.vertex_indices for t in message.triangles], np.int64).reshape(-1, 3)
+        self._surface = points, triangles
         self._show_surface()
 
     def _on_tetrahedra(self, message: UInt32MultiArray) -> None:
@@ -155,19 +157,22 @@ class Picture:
 
     def _on_rigid(self, message: MarkerArray) -> None:
         self._rigid = message
-        self.stage.show_rigid(message)
+        self._show_rigid()
+
+    def _show_rigid(self) -> None:
+        """Draw the rigid bodies once they are those of the scene."""
+        if self._rigid is None:
+            return
+        named = [marker.ns for marker in self._rigid.markers]
+        if self._scene is None or named == [body.name for body in self._scene.robot.scene.rigid_bodies]:
+            self.stage.show_rigid(self._rigid)
 
     def _show_surface(self) -> None:
-        """Draw the bodies once surface and structure are those of one scene."""
-        told, message = self._scene, self._topology
-        if message is None or told is None:
-            return
-        points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
-        triangles = np.array([t.vertex_indices for t in message.triangles], np.int64).reshape(-1, 3)
-        bodies = told.bodies
-        count = sum(body["points"][1] - body["points"][0] for body in bodies)
-        if count != len(points) or int(triangles.max(initial=-1)) >= count:
-            return  # the other half of the new scene has not come yet
+        """Draw the bodies once surface, elements and structure are those of one scene."""
+        told = self._scene
+        if told is None or self._surface is None or not self._are_of(told, *self._surface):
+            return  # the rest of the new scene has not come yet
+        (points, triangles), bodies = self._surface, told.bodies
         parts = [
             Part(
                 body["name"],
@@ -183,6 +188,13 @@ class Picture:
         if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
             self._seen = told.robot.name
             self.reset_view()
+
+    def _are_of(self, told: SceneMessage, points: Array, triangles: IndexArray) -> bool:
+        """Whether the newest surface and elements are those of a scene."""
+        count = sum(body["points"][1] - body["points"][0] for body in told.bodies)
+        fits = count == len(points) and int(triangles.max(initial=-1)) < count
+        surface, elements = mesh_checksum(triangles, points), mesh_checksum(self._tetrahedra)
+        return fits and told.owns("mesh/topology", surface) and told.owns("mesh/tetrahedra", elements)
 
     # --- what moves -----------------------------------------------------------------------------------
 

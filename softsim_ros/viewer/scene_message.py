@@ -32,6 +32,7 @@ class SceneMessage:
         zones: `name` and `nodes` of each rigid zone.
         scenes: Names of the scenes that the simulator can load.
         places: Where the parts of the scene are written, see `places_of`.
+        checksums: Of the meshes that belong to this scene, by their topics, see `mesh_checksum`.
     """
 
     generation: int
@@ -42,6 +43,11 @@ class SceneMessage:
     zones: tuple[Mapping[str, Any], ...] = ()
     scenes: tuple[str, ...] = ()
     places: Mapping[str, Place] = field(default_factory=dict)
+    checksums: Mapping[str, int] = field(default_factory=dict)
+
+    def owns(self, topic: str, checksum: int) -> bool:
+        """Whether a mesh on a topic is this scene's; one of an older simulator, which tells none, may be."""
+        return self.checksums.get(topic, checksum) == checksum
 
 
 def read_scene_message(text: str) -> SceneMessage:
@@ -69,6 +75,7 @@ def read_scene_message(text: str) -> SceneMessage:
             zones=tuple(map(_zone, _list(data["zones"]))),
             scenes=tuple(map(_name, _list(data["scenes"]))),
             places=places,
+            checksums={_text(key): _whole(number) for key, number in dict(data.get("checksums", {})).items()},
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         if isinstance(error, CommandError):
