@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from binascii import crc32
 from collections.abc import Callable, Collection
 from typing import Any, Final
 
@@ -15,6 +17,8 @@ from softsim_ros.viewer.surface import MM
 LONGEST_AXES_MM: Final = 30.0
 """Arrows of a rigid body's frame reach out of the body, but no farther than this."""
 
+
+LONGEST_NODE_NAME: Final = 60
 
 _SINGLE: Final = frozenset({Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.CYLINDER})
 
@@ -31,6 +35,12 @@ def marker_colour(marker: Marker) -> tuple[int, int, int]:
     """Red, green, blue in 0..255."""
     colour = marker.color
     return round(255 * colour.r), round(255 * colour.g), round(255 * colour.b)
+
+
+def node_name(name: str) -> str:
+    """A name of others as part of one in viser's tree: itself where it is plain, else its CRC-32."""
+    plain = re.fullmatch(rf"[\w -]{{0,{LONGEST_NODE_NAME}}}", name)
+    return name if plain else f"named_{crc32(name.encode()):08x}"
 
 
 class MarkerView:
@@ -92,7 +102,7 @@ class MarkerView:
             return True
         if handle is not None:
             handle.remove()
-        handle = self._make(f"/{self._name}/{key[0] or 'marker'}_{key[1]}", marker, points)
+        handle = self._make(f"/{self._name}/{node_name(key[0]) or 'marker'}_{key[1]}", marker, points)
         handle.visible = self._shows(key)
         self._drawn[key] = (marker.type, handle)
         return True
@@ -148,7 +158,13 @@ class RigidView:
         """Take other bodies: one TRIANGLE_LIST each, in the body's own frame."""
         for _, frame, _ in self._bodies:
             frame.remove()
-        self._bodies = [self._make(marker) for marker in message.markers]
+        names = [marker.ns or str(marker.id) for marker in message.markers]
+        apart = len({*names}) == len(names)  # else numbers tell them apart: two nodes never share a name
+        shown = [node_name(name) if apart else str(number) for number, name in enumerate(names)]
+        self._bodies = [
+            (name, *self._make(node, marker))
+            for name, node, marker in zip(names, shown, message.markers, strict=True)
+        ]
         self.switch(self._visible, axes=self._axes, hidden=self._hidden)
 
     def switch(self, shown: bool, *, axes: bool = False, hidden: Collection[str] = ()) -> None:
@@ -168,15 +184,16 @@ class RigidView:
             frame.position = (MM * pose.position.x, MM * pose.position.y, MM * pose.position.z)
             frame.wxyz = (turn.w, turn.x, turn.y, turn.z)
 
-    def _make(self, marker: Marker) -> tuple[str, Any, Any]:
-        name, alpha = marker.ns or str(marker.id), marker.color.a
+    def _make(self, node: str, marker: Marker) -> tuple[Any, Any]:
+        """Frame and surface of a body, under a name in viser's tree."""
+        alpha = marker.color.a
         vertices = marker_points(marker)
         length = min(1.3 * float(np.abs(vertices).max(initial=0.0)), LONGEST_AXES_MM)
         frame = self._scene.add_frame(
-            f"/rigid/{name}", show_axes=False, axes_length=length, axes_radius=length / 24.0
+            f"/rigid/{node}", show_axes=False, axes_length=length, axes_radius=length / 24.0
         )
         surface = self._scene.add_mesh_simple(
-            f"/rigid/{name}/surface",
+            f"/rigid/{node}/surface",
             vertices,
             corner_faces(vertices),
             color=marker_colour(marker),
@@ -184,4 +201,4 @@ class RigidView:
             flat_shading=True,
             side="double",
         )
-        return name, frame, surface
+        return frame, surface

@@ -232,6 +232,19 @@ def test_rigid_bodies_obey_switches_that_came_before_them() -> None:
     assert not canvas.drawn["/rigid/ball/surface"].visible
 
 
+def test_names_of_others_are_no_paths_and_meet_nobody_in_the_tree() -> None:
+    canvas, triangle = Canvas(), [(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)]
+    bodies, cables = RigidView(canvas), MarkerView(canvas, "cables")
+    for names in (["a" * 20_000] * 2, ["cube", "cube"], ["/", "../x"]):
+        canvas.drawn.clear()
+        markers = MarkerArray(markers=[marker(Marker.TRIANGLE_LIST, name, triangle) for name in names])
+        bodies.show(markers)
+        assert len(canvas.drawn) == 2 * len(names)
+        cables.update(markers)
+        assert all(len(name) < 100 for name in canvas.drawn)
+        assert all(name.count("/") <= 3 and ".." not in name for name in canvas.drawn)
+
+
 def test_collision_boxes_lie_around_what_is_not_hidden() -> None:
     canvas = Canvas()
     view = CollisionView(canvas)
