@@ -50,7 +50,7 @@ class MeshFrame(NamedTuple):
 
 
 def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = None) -> Iterator[MeshFrame]:
-    """Frames in the order of time; those whose cells are not in the bag are left out.
+    """Frames in the order of time; those whose cells are not in the bag, or not told yet, are left out.
 
     Args:
         bag: Open bag.
@@ -59,19 +59,31 @@ def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = Non
     """
     cells_of = [(stamp, _cells(message)) for stamp, message in bag.messages(bag.topic(topics.cells))]
     following = 0
-    cells: IndexArray | None = None
+    cells: _Cells | None = None
     gate = RateGate(1.0 / rate if rate else 0.0)
     for stamp, message in bag.messages(bag.topic(topics.points)):
         while following < len(cells_of) and (cells is None or cells_of[following][0] <= stamp):
             cells, following = cells_of[following][1], following + 1
         time_s = 1e-9 * (stamp - bag.begin_ns)
         rows = np.frombuffer(message.data, dtype="<f4").reshape(-1, POINT_COLUMNS)
-        if cells is None or int(cells.max(initial=-1)) >= len(rows) or not gate.passes(time_s):
+        if cells is None or not cells.join(len(rows)) or not gate.passes(time_s):
             continue
-        yield MeshFrame(time_s, rows[:, :3], rows[:, 3], cells)
+        yield MeshFrame(time_s, rows[:, :3], rows[:, 3], cells.indices)
 
 
-def _cells(message: Any) -> IndexArray:
+class _Cells(NamedTuple):
+    """Cells as a message tells them, and the number of points that they join; None: it does not tell."""
+
+    indices: IndexArray
+    points: int | None
+
+    def join(self, count: int) -> bool:
+        """Whether `count` points may be theirs, and not those of another scene."""
+        return self.points in (None, count) and int(self.indices.max(initial=-1)) < count
+
+
+def _cells(message: Any) -> _Cells:
     if hasattr(message, "triangles"):
-        return np.array([each.vertex_indices for each in message.triangles], dtype=np.int64).reshape(-1, 3)
-    return np.asarray(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size)
+        corners = np.array([each.vertex_indices for each in message.triangles], dtype=np.int64)
+        return _Cells(corners.reshape(-1, 3), len(message.vertices))
+    return _Cells(np.asarray(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size), None)

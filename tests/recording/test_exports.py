@@ -99,3 +99,26 @@ def test_a_bag_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: Any) ->
     for command in ("export", "report"):
         assert main([command, str(tmp_path / "nothing")]) == 1
         assert "does not exist; record one with: softsim record" in capsys.readouterr().err
+
+
+def test_points_of_the_scene_before_are_not_joined_by_the_triangles_of_the_next(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy")
+    from builtin_interfaces.msg import Time
+    from rclpy.serialization import serialize_message
+
+    from softsim_ros import messages
+
+    writer = write(tmp_path / "bag", rows(1))
+    kinds = {"mesh/topology": "shape_msgs/msg/Mesh", "mesh/points": "sensor_msgs/msg/PointCloud2"}
+    for number, (topic, count) in enumerate(
+        [("topology", 4), ("points", 4), ("topology", 3), ("points", 4), ("points", 3)]
+    ):
+        points, name = np.full((count, 3), float(count)), f"mesh/{topic}"
+        message = messages.topology(points, np.array([[0, 1, count - 1]]))
+        if topic == "points":
+            message = messages.point_cloud(Time(), "world", points, np.zeros(count))
+        writer.add_topic(f"/tripod/{name}", kinds[name])
+        writer.write(f"/tripod/{name}", 2 * 10**9 + number * 10**7, serialize_message(message))
+    writer.close()
+    with Bag(tmp_path / "bag") as bag:
+        assert [(len(each.points), each.cells.max()) for each in mesh_frames(bag)] == [(4, 3), (3, 2)]

@@ -22,6 +22,7 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String, UInt32MultiArray
 from tcp_ports import free_port
 
+from softsim_core import load_scene
 from softsim_ros import messages
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -85,7 +86,8 @@ def test_listeners_follow_from_scene_to_scene(
         assert spin_until(answer.done, READY_S), (shown, robot.process.output)
         (result,) = answer.result().results
         assert (result.successful, result.reason) == (True, ""), shown
-        assert spin_until(partial(heard.completes, shown), READY_S), (shown, robot.process.output)
+        complete = partial(heard.completes, load_scene(shown).name)
+        assert spin_until(complete, READY_S), (shown, robot.process.output)
     for process in (robot.process, viewer, inverse):
         assert process.process.poll() is None, process.output
         told = [line for line in process.output.splitlines() if any(word in line for word in TROUBLE)]
