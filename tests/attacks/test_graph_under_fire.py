@@ -237,7 +237,8 @@ def opened(audit: Path) -> dict[str, list[str]]:
 OWN = re.compile(
     r"\t('/tmp/|'/dev/shm/|\d+\t"  # their folders, and what was opened by its own line before
     r"|'[^']*/(__pycache__|\.softsim)/"  # kernels
-    r"|'tripod_[\d_-]+/)"  # bags
+    r"|'tripod_[\d_-]+/"  # bags
+    r"|'\.\w+\.snapshot\.[0-9a-f]{16}')"  # snapshots, on their way into their folder
 )
 """Lines of what nodes may write."""
 
