@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 from softsim_core.errors import SceneError, listing
-from softsim_core.fem.materials import Material, material
+from softsim_core.fem.materials import Material, MaterialParameter, material
 from softsim_core.values import FieldError
 
 DEFAULT_LAW = "corotational"
@@ -23,11 +23,11 @@ class MaterialDescription:
     Attributes:
         law: Name of the law, see fem.materials; None: "corotational", or "corotational_qr" where the solver's
             rotation is "qr".
-        values: All parameters by name, in the order of the law.
+        values: All parameters by name, in the order of the law; those not given have their defaults.
 
     Raises:
-        FieldError: a value is outside its interval, missing or unknown to the law.
-        SceneError: the law is unknown.
+        FieldError: a value is missing, outside its interval, or does not fit the others.
+        SceneError: the law is unknown, or it has no such parameter.
     """
 
     __slots__ = ("law", "values")
@@ -77,9 +77,9 @@ class MaterialDescription:
         return ({} if self.law is None else {"law": self.law}) | self.values
 
 
-def parameter_names(law: object) -> tuple[str, ...]:
-    """Names of a law's parameters; SceneError if `law` is no known law (None is the default one)."""
-    return _law_of(law).names
+def law_parameters(law: object) -> tuple[MaterialParameter, ...]:
+    """A law's parameters; SceneError if `law` is no known law (None is the default one)."""
+    return _law_of(law).parameters
 
 
 def _described(law: str | None, values: Mapping[str, float]) -> MaterialDescription:
@@ -97,9 +97,14 @@ def _checked(law: Material, values: Mapping[str, float]) -> dict[str, float]:
         if name not in law.names:
             known = listing(law.names)
             raise SceneError(f"material: the law {law.name} has no parameter {name!r}; known: {known}")
+    complete = {}
     for parameter in law.parameters:
-        if parameter.name not in values:
+        value = values.get(parameter.name, parameter.default)
+        if value is None:
             raise FieldError("material", parameter.name, "missing", parameter.allowed)
-        if not parameter.lower < values[parameter.name] < parameter.upper:  # also rejects NaN
-            raise FieldError("material", parameter.name, values[parameter.name], parameter.allowed)
-    return {name: float(values[name]) for name in law.names}
+        if not parameter.lower < value < parameter.upper:  # also rejects NaN
+            raise FieldError("material", parameter.name, value, parameter.allowed)
+        complete[parameter.name] = float(value)
+    if refused := law.refusal(complete):
+        raise FieldError("material", refused.name, complete[refused.name], refused.allowed)
+    return complete

@@ -25,7 +25,7 @@ from softsim_core.errors import ConfigError, SceneError, listing
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
-from softsim_core.scene.material import MaterialDescription, parameter_names
+from softsim_core.scene.material import MaterialDescription, law_parameters
 from softsim_core.scene.robot import RobotDescription, need_namespace
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 from softsim_core.values import FieldError, MeshFile, Vector
@@ -216,16 +216,19 @@ def _material(value: Any, _: Any) -> MaterialDescription:
         raise _RefusedError(f"must be a mapping of a law's parameters, not {_shown(value)}")
     law = value.get("law")
     try:
-        names = parameter_names(law)
+        parameters = law_parameters(law)
     except FieldError as error:
         raise _RefusedError(f"must be {error.allowed}, not {_shown(law)}", ("law",)) from None
     except SceneError as error:
         raise _RefusedError(str(error), ("law",)) from None
-    _refuse_unknown(value, ["law", *names])
+    _refuse_unknown(value, ["law", *(each.name for each in parameters)])
     values = {}
-    for name in names:
+    for parameter in parameters:
+        name = parameter.name
         if name not in value:
-            raise _RefusedError("is missing; it has no default", (name,))
+            if parameter.default is None:
+                raise _RefusedError("is missing; it has no default", (name,))
+            continue
         try:
             values[name] = _number(value[name], float)
         except _RefusedError as error:

@@ -36,7 +36,21 @@ from softsim_core.scene.material import MaterialDescription
 
 KNOWN_AT_START = element_names(), material_names()
 HOOKE = {"young_modulus": 2e4, "poisson_ratio": 0.35}
-VALUES = {"corotational": HOOKE, "corotational_qr": HOOKE, "stable_neo_hookean": HOOKE}
+VALUES = {
+    "corotational": HOOKE,
+    "corotational_qr": HOOKE,
+    "stable_neo_hookean": HOOKE,
+    "yeoh": {"c1": 3.7e3, "c2": 400.0, "c3": 30.0, "poisson_ratio": 0.35, "stiffness_factor": 1.0},
+    "ogden": {
+        "m1": 1e4,
+        "alpha1": 2.8,
+        "m2": 4.8e3,
+        "alpha2": -6.0,
+        "poisson_ratio": 0.35,
+        "stiffness_factor": 1.0,
+    },
+    "mooney_rivlin": {"c10": 2.5e3, "c01": 1.2e3, "poisson_ratio": 0.35, "stiffness_factor": 1.0},
+}
 """Parameters of each law in the matrix; forces are compared with these moduli."""
 YOUNG = 2e4
 ELEMENTS = ("tet4", "tet4_four_points")
