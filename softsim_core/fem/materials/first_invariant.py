@@ -28,7 +28,7 @@ class FirstInvariantRubber(Rubber):
 
     @abstractmethod
     def psi(self, t: Array, p: Array) -> Slopes:
-        """The function with psi(0) = 0, and its derivatives at t = I_C - 3 (...) and values p (..., k)."""
+        """Values, 0 at rest, and derivatives at t = I_C - 3 (...) and values p (..., k)."""
 
     @abstractmethod
     def first_lame(self, p: Array) -> Array:

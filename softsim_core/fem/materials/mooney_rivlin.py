@@ -76,7 +76,8 @@ def stable_stretch(c10: float, c01: float) -> float:
     There :math:`P = 2 (l - l^{-5}) (C_{10} + C_{01} l^2)` has its maximum.
 
     Args:
-        c10, c01: In [Pa], -c10 < c01 < 0.
+        c10: In [Pa], > 0.
+        c01: In [Pa], between -c10 and 0.
     """
 
     def rise(stretch: float) -> float:

@@ -4,8 +4,8 @@ r"""Ogden's rubber: two powers of the principal stretches, which follow a curve 
     v_{k3}^{|\alpha_k|} - 3\right), \qquad \mu = \tfrac12 \sum_k m_k
 
 v are the stretches of lines where alpha > 0, and those of areas, the products of two, where alpha < 0: at
-constant volume those are the powers of the stretches with alpha itself. So a flat element has a finite energy,
-and one inside out comes back. In the other notation :math:`m_k = \mu_k \alpha_k`.
+constant volume those are the powers of the stretches with alpha itself. So a flat element has a finite
+energy, and one inside out comes back. In the other notation :math:`m_k = \mu_k \alpha_k`.
 
 Sources: Ogden 1972, Large deformation isotropic elasticity; Ciarlet 1988, Mathematical elasticity I, section
 4.9, for the powers of areas.
@@ -86,7 +86,7 @@ class Ogden(Rubber):
 
 
 def _terms(p: Array) -> tuple[Array, Array]:
-    """m in [Pa] and alpha of both terms, shapes (..., 2)."""
+    """Amplitudes m in [Pa] and exponents alpha of both terms, shapes (..., 2)."""
     return p[..., 5:6] * p[..., 0:3:2], p[..., 1:4:2]
 
 

@@ -7,8 +7,8 @@ with x the squared stretches, the eigenvalues of :math:`C = G^T G = Q \, diag(x)
 :math:`D\phi'(C)[H] = Q (\Gamma \circ Q^T H Q) Q^T`, where Gamma are the divided differences
 :math:`(\phi'(x_i) - \phi'(x_j)) / (x_i - x_j)` and phi'' where x_i = x_j.
 
-Where a stretch is less than `LEAST_STRETCH`, phi goes on as the parabola in x that meets it: all is finite for
-every G, and the slope has no step.
+Where a stretch is less than `LEAST_STRETCH`, phi goes on as the parabola in x that meets it: all is finite
+for every G, and the slope has no step.
 
 Source: Ball 1984, Differentiability properties of symmetric and isotropic functions.
 """
@@ -76,7 +76,7 @@ def _principal(matrices: Array) -> tuple[Array, Array]:
 
 
 def _slope(m: Array, n: Array, log: Array) -> Array:
-    """m / (2 n) x^(n/2 - 1) of each term at log x."""
+    """The slope m / (2 n) x^(n/2 - 1) of each term at log x."""
     return np.asarray(m / (2.0 * n) * np.exp((0.5 * n - 1.0) * log))
 
 

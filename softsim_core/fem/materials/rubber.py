@@ -4,8 +4,8 @@ r"""What all laws of rubber share: a part that resists stretching, and one that 
 
 s is the slope of W by each principal stretch at rest, so that nothing is stressed there, and
 a = lambda + s - c makes the law Hooke's at small strain, c being the mixed second derivative of W by two
-principal stretches at rest. W uses the whole F, not F freed of its change of volume, and never its inverse: an
-element that is inside out is no special case.
+principal stretches at rest. W uses the whole F, not F freed of its change of volume, and never its inverse:
+an element that is inside out is no special case.
 
 Source: Smith, de Goes, Kim 2018, Stable neo-Hookean flesh simulation, for W of I_C alone.
 """

@@ -2,15 +2,13 @@ r"""Yeoh's rubber: a polynomial of one to three terms in I_C - 3, fitted to a cu
 
 .. math:: W = C_1 t + C_2 t^2 + C_3 t^3, \qquad t = I_C - 3, \qquad \mu = 2 C_1
 
-Sources: Yeoh 1993, Some forms of the strain energy function for rubber; the terms of the volume are in rubber.py.
+Source: Yeoh 1993, Some forms of the strain energy function for rubber.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
-
-import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.fem.materials.first_invariant import FirstInvariantRubber, Slopes
