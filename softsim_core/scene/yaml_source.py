@@ -192,6 +192,8 @@ def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> Sou
 
 
 def _merge_values(base: Any, over: Any, path: KeyPath) -> Any:
+    if path[-1] == "material" and isinstance(base, str) and isinstance(over, SourcedMapping):
+        base = SourcedMapping({"preset": base}, over.file)
     if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
         return merge(base, over, path)
     if _is_named_list(base) and _is_named_list(over):

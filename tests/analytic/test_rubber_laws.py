@@ -1,4 +1,4 @@
-"""Laws of rubber: curves of tension, tangents where stretches meet or vanish, bulk, refusals, motion, contact."""
+"""Laws of rubber: tension, tangents where stretches meet or vanish, bulk, refusals, motion, contact."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.errors import MaterialError
 from softsim_core.fem.materials import material
+from softsim_core.fem.materials.elastomers import FITTED_LAWS, elastomer, elastomer_names
 from softsim_core.fem.materials.rubber import Rubber
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_exp
@@ -155,3 +156,16 @@ def test_it_falls_on_a_floor_and_stays_there(name: str) -> None:
     assert np.abs(simulation.velocities).max() < 1e-3
     assert -0.001 < simulation.positions[:, 2].min() < 0.002
     assert simulation.positions[:, 2].max() > 0.035
+
+
+@pytest.mark.parametrize("name", FITTED_LAWS)
+def test_laws_of_all_elastomers_follow_their_curves(name: str) -> None:
+    """To 7 % of the stress at the end of the fit; the softest, near the resolution of its test, to 10 %."""
+    for each in elastomer_names():
+        one = elastomer(each)
+        fit = one.fit(name)
+        p = np.array(list(MaterialDescription(preset=each, law=name).values.values()))
+        inside = one.points[one.points[:, 0] <= fit.to_stretch]
+        told = np.array([pulled(name, stretch, p)[1] for stretch in inside[:, 0]])
+        worst = 0.1 if "Slacker" in each else 0.07
+        assert np.abs(told - inside[:, 1]).max() < worst * inside[:, 1].max(), each
