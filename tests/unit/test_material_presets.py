@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -142,3 +143,21 @@ def test_the_factor_of_a_preset_is_tuned_while_it_runs() -> None:
     assert simulation.material("block") == made_of.changed(stiffness_factor=2.0)
     with pytest.raises(ValueError, match="stiffness_factor = nan must be > 0"):
         simulation.set_material("block", stiffness_factor=math.nan)
+
+
+def test_every_constant_of_a_preset_has_a_slider_and_a_ros_parameter_that_hold_its_value() -> None:
+    pytest.importorskip("rclpy")
+    from softsim_ros.simulator.tuning import tunables as parameters
+    from softsim_ros.viewer.tuning import tunables as sliders
+
+    made_of = MaterialDescription(preset="Dragon Skin 20", poisson_ratio=0.4999)
+    robot = load_scene("tripod")
+    robot = robot.with_scene(bodies=tuple(replace(each, material=made_of) for each in robot.scene.bodies))
+    found = parameters(robot)
+    for slider in sliders(robot):
+        if slider.name in robot.scene.bodies[0].material.values:
+            assert slider.lower < slider.upper
+            assert slider.lower <= slider.start <= slider.upper
+            low, high = found[slider.name].about.within
+            assert low <= found[slider.name].value <= high
+    assert {"stiffness_factor", "c3", "poisson_ratio"} <= {slider.name for slider in sliders(robot)}
