@@ -9,7 +9,7 @@ import pytest
 from closed_forms import hooke_stress, incompressible_tension
 from contact_scenes import FLOOR, touching
 from numpy.linalg import norm
-from small_scenes import body, scene
+from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
@@ -19,11 +19,14 @@ from softsim_core.fem.materials import material
 from softsim_core.fem.materials.elastomers import FITTED_LAWS, elastomer, elastomer_names
 from softsim_core.fem.materials.rubber import Rubber
 from softsim_core.fem.materials.tension import rest_stiffness, tension
+from softsim_core.inverse.static import solve_pose
+from softsim_core.inverse.tasks import PositionTask
 from softsim_core.mechanics.control import Control
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.description import BodyDescription, JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 CONSTANTS = {
@@ -164,3 +167,37 @@ def test_laws_of_all_elastomers_follow_their_curves(name: str) -> None:
         told = tension(law(name), p, inside[:, 0])[1]
         worst = 0.15 if "Slacker" in each else 0.07
         assert np.abs(told - inside[:, 1]).max() < worst * inside[:, 1].max(), each
+
+
+@laws
+def test_inverse_control_finds_how_a_bar_of_rubber_was_pulled(name: str) -> None:
+    """A bar between two slides, its middle free: pulled to 1.4, then the joints to move the middle."""
+    slides = [
+        JointDescription(name=each, kind="prismatic", axis=(1.0, 0.0, 0.0), limits=JointLimits(-0.03, 0.03))
+        for each in ("left", "right")
+    ]
+    zones = (slab("left_end", "left", 0.0), slab("right_end", "right", 0.08), slab("middle", "free", 0.04))
+    bar = body(box_mesh((0.08, 0.01, 0.01), (8, 1, 1), (0.0, -0.005, -0.005)))
+    made_of = MaterialDescription(law=name, poisson_ratio=0.4, **CONSTANTS[name])
+    simulation = Simulation(
+        scene(
+            replace(bar, material=made_of),
+            joints=tuple(slides),
+            attachments=zones,
+            effector="middle",
+            gravity=(0.0, 0.0, 0.0),
+        ),
+        backend="scipy",
+    )
+    simulation.settle([-0.016, 0.016])
+    area = 0.01**2
+    pull = area * float(tension(law(name), parameters(name), np.array([1.4]))[1][0])
+    efforts = np.abs(simulation.joint_efforts)
+    assert (
+        (pull < efforts) & (efforts < 1.25 * pull)
+    ).all()  # its ends cannot narrow, and its mesh is coarse
+    start = simulation.frames()["middle"].position
+    wanted = PositionTask(start + np.array([0.004, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    found = solve_pose(simulation, wanted)
+    assert found.residual_m < 1e-8
+    assert found.joints.mean() == pytest.approx(0.004, abs=1e-5)

@@ -104,9 +104,10 @@ def test_mistakes_in_scene_files_name_their_key(tmp_path: Path, text: str, sente
 
 
 def test_a_preset_is_laid_over_a_material_and_changed_in_its_turn(tmp_path: Path) -> None:
-    over = {"bodies": [{"name": "silicone", "material": "Dragon Skin 20"}]}
-    robot = load_scene("tripod", kind="robots", overrides=over)
-    assert robot.scene.bodies[0].material == MaterialDescription(preset="Dragon Skin 20")
+    for named in ("Dragon Skin 20", {"preset": "Dragon Skin 20"}):
+        over = {"bodies": [{"name": "silicone", "material": named}]}
+        robot = load_scene("tripod", kind="robots", overrides=over)
+        assert robot.scene.bodies[0].material == MaterialDescription(preset="Dragon Skin 20")
     file = written(tmp_path, "Dragon Skin 20")
     factor = {"bodies": [{"name": "block", "material": {"stiffness_factor": 1.5}}]}
     changed = load_yaml(file, factor).scene.bodies[0].material
