@@ -132,6 +132,7 @@ def rubber(name: str, height: float = 0.0) -> BodyDescription:
     return replace(body(mesh, total_mass=0.05), material=made_of)
 
 
+@pytest.mark.slow
 @laws
 def test_a_crumpled_block_finds_its_shape(name: str) -> None:
     """Nodes thrown about by up to 0.8 edge lengths, a seventh of the elements inside out."""
@@ -146,6 +147,7 @@ def test_a_crumpled_block_finds_its_shape(name: str) -> None:
     np.testing.assert_allclose(apart, norm(model.rest[:, None] - model.rest, axis=-1), atol=1e-6)
 
 
+@pytest.mark.slow
 @laws
 def test_it_falls_on_a_floor_and_stays_there(name: str) -> None:
     simulation = Simulation(touching(FLOOR, soft=(rubber(name, 0.01),), rayleigh_stiffness=0.01))
