@@ -138,8 +138,9 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> t
                 f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "
                 f"cells of its mesh have {nodes}; choose another element or mesh"
             )
-        if sentence := locking_warning(cell, description.material.values):
-            warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
+        for sentence in (locking_warning(cell, description.material.values), description.material.warning):
+            if sentence:
+                warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
         members.setdefault((cell.name, law.name), []).append(b)
     groups = []
     for (cell_name, _), inside in members.items():

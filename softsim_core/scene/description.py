@@ -43,7 +43,8 @@ class BodyDescription:
         name: Unique name.
         mesh: Tetrahedra: a file, or arrays in [m].
         material: Law and parameters.
-        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`.
+        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. Where neither is given, that of the
+            material's preset, if it is known.
         total_mass: Mass in [kg], > 0; or give `density`.
         mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
             nodes. "equal": every node has the same, as in the reference simulator, which makes the inertia
@@ -67,6 +68,8 @@ class BodyDescription:
 
     def __post_init__(self) -> None:
         need_finite(f"body {self.name}", "velocity", self.velocity)
+        if self.density is None and self.total_mass is None:
+            object.__setattr__(self, "density", self.material.known_density)
         if (self.density is None) == (self.total_mass is None):
             given = "neither" if self.density is None else "both"
             raise SceneError(

@@ -6,7 +6,13 @@ from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 from softsim_core.errors import SceneError, listing
-from softsim_core.fem.materials import Material, material
+from softsim_core.fem.materials import Material, MaterialParameter, material
+from softsim_core.fem.materials.elastomers import (
+    DEFAULT_FIT,
+    SILICONE_POISSON_RATIO,
+    elastomer,
+    stiffness_warning,
+)
 from softsim_core.values import FieldError
 
 DEFAULT_LAW = "corotational"
@@ -19,25 +25,45 @@ class MaterialDescription:
 
     `MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)` is isotropic linear elasticity: Young modulus
     in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5).
+    `MaterialDescription(preset="Dragon Skin 20", stiffness_factor=1.75)` has the constants of an elastomer of
+    the table, all but those that are given.
 
     Attributes:
         law: Name of the law, see fem.materials; None: "corotational", or "corotational_qr" where the solver's
-            rotation is "qr".
-        values: All parameters by name, in the order of the law.
+            rotation is "qr"; of a preset the law of its default fit.
+        preset: Name of an elastomer, see fem.materials.elastomers, or None.
+        values: All parameters by name, in the order of the law; those not given have their defaults.
 
     Raises:
-        FieldError: a value is outside its interval, missing or unknown to the law.
-        SceneError: the law is unknown.
+        FieldError: a value is missing, outside its interval, or does not fit the others.
+        SceneError: the law or the preset is unknown, or the law has no such parameter.
     """
 
-    __slots__ = ("law", "values")
+    __slots__ = ("law", "preset", "values")
 
     law: str | None
+    preset: str | None
     values: dict[str, float]
 
-    def __init__(self, *, law: str | None = None, **values: float) -> None:
+    def __init__(self, *, law: str | None = None, preset: str | None = None, **values: float) -> None:
+        if preset is not None:
+            law, preset = law or DEFAULT_FIT, elastomer(preset).name
+            values = {**preset_values(preset, law), **values}
         object.__setattr__(self, "law", law)
+        object.__setattr__(self, "preset", preset)
         object.__setattr__(self, "values", _checked(_law_of(law), values))
+
+    @property
+    def known_density(self) -> float | None:
+        """Mass per volume of the preset in [kg/m^3]; None: it is not known."""
+        return None if self.preset is None else elastomer(self.preset).density
+
+    @property
+    def warning(self) -> str | None:
+        """What to know about the preset's constants as they are used here, or None."""
+        if self.preset is None or self.values["stiffness_factor"] != 1.0:
+            return None
+        return stiffness_warning(self.preset)
 
     def law_for(self, rotation: str) -> Material:
         """The law, where bodies that name none have the solver's `rotation`, "polar" or "qr"."""
@@ -45,7 +71,7 @@ class MaterialDescription:
 
     def changed(self, **values: float) -> MaterialDescription:
         """The same law with other values."""
-        return MaterialDescription(law=self.law, **{**self.values, **values})
+        return MaterialDescription(law=self.law, preset=self.preset, **{**self.values, **values})
 
     def __getattr__(self, name: str) -> float:
         if name in self.__slots__ or name not in self.values:
@@ -62,28 +88,39 @@ class MaterialDescription:
         return hash(self._key())
 
     def __repr__(self) -> str:
-        law = "" if self.law is None else f"law={self.law!r}, "
-        values = ", ".join(f"{name}={value!r}" for name, value in self.values.items())
-        return f"MaterialDescription({law}{values})"
+        return (
+            f"MaterialDescription({', '.join(f'{name}={value!r}' for name, value in self.plain().items())})"
+        )
 
-    def __reduce__(self) -> tuple[Callable[..., MaterialDescription], tuple[str | None, dict[str, float]]]:
-        return _described, (self.law, self.values)
+    def __reduce__(self) -> tuple[Callable[..., MaterialDescription], tuple[object, ...]]:
+        return _described, (self.law, self.preset, self.values)
 
     def _key(self) -> tuple[object, ...]:
-        return (self.law, *self.values.items())
+        return (self.law, self.preset, *self.values.items())
 
     def plain(self) -> dict[str, Any]:
         """The form that scene files have."""
-        return ({} if self.law is None else {"law": self.law}) | self.values
+        law = {} if self.law is None else {"law": self.law}
+        if self.preset is None:
+            return law | self.values
+        own = preset_values(self.preset, self.law or DEFAULT_FIT)
+        given = {name: value for name, value in self.values.items() if value != own[name]}
+        return {"preset": self.preset} | ({} if self.law == DEFAULT_FIT else law) | given
 
 
-def parameter_names(law: object) -> tuple[str, ...]:
-    """Names of a law's parameters; SceneError if `law` is no known law (None is the default one)."""
-    return _law_of(law).names
+def law_parameters(law: object) -> tuple[MaterialParameter, ...]:
+    """A law's parameters; SceneError if `law` is no known law (None is the default one)."""
+    return _law_of(law).parameters
 
 
-def _described(law: str | None, values: Mapping[str, float]) -> MaterialDescription:
-    return MaterialDescription(law=law, **values)
+def preset_values(preset: str, law: str) -> dict[str, float]:
+    """All parameters of an elastomer's law; SceneError if one of them is not known."""
+    constants = elastomer(preset).fit(law).constants
+    return material(law).values({"poisson_ratio": SILICONE_POISSON_RATIO, **constants})
+
+
+def _described(law: str | None, preset: str | None, values: Mapping[str, float]) -> MaterialDescription:
+    return MaterialDescription(law=law, preset=preset, **values)
 
 
 def _law_of(law: object) -> Material:
@@ -97,9 +134,14 @@ def _checked(law: Material, values: Mapping[str, float]) -> dict[str, float]:
         if name not in law.names:
             known = listing(law.names)
             raise SceneError(f"material: the law {law.name} has no parameter {name!r}; known: {known}")
+    complete = {}
     for parameter in law.parameters:
-        if parameter.name not in values:
+        value = values.get(parameter.name, parameter.default)
+        if value is None:
             raise FieldError("material", parameter.name, "missing", parameter.allowed)
-        if not parameter.lower < values[parameter.name] < parameter.upper:  # also rejects NaN
-            raise FieldError("material", parameter.name, values[parameter.name], parameter.allowed)
-    return {name: float(values[name]) for name in law.names}
+        if not parameter.lower < value < parameter.upper:  # also rejects NaN
+            raise FieldError("material", parameter.name, value, parameter.allowed)
+        complete[parameter.name] = float(value)
+    if refused := law.refusal(complete):
+        raise FieldError("material", refused.name, complete[refused.name], refused.allowed)
+    return complete

@@ -22,10 +22,11 @@ import numpy as np
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.actuation.registry import described_kinds
 from softsim_core.errors import ConfigError, SceneError, listing
+from softsim_core.fem.materials.elastomers import DEFAULT_FIT, elastomer
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
-from softsim_core.scene.material import MaterialDescription, parameter_names
+from softsim_core.scene.material import MaterialDescription, law_parameters
 from softsim_core.scene.robot import RobotDescription, need_namespace
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 from softsim_core.values import FieldError, MeshFile, Vector
@@ -211,26 +212,50 @@ def _instance(value: Any, cls: type) -> Any:
 
 
 def _material(value: Any, _: Any) -> MaterialDescription:
-    """A material from the keys of its law."""
+    """A material from the keys of its law, or from the name of a preset and what differs from it."""
+    if isinstance(value, str):
+        value = {"preset": value}
     if not isinstance(value, Mapping):
-        raise _RefusedError(f"must be a mapping of a law's parameters, not {_shown(value)}")
-    law = value.get("law")
+        raise _RefusedError(f"must be the name of a preset or a mapping of parameters, not {_shown(value)}")
+    law, preset = value.get("law"), value.get("preset")
+    if preset is not None:
+        law = _preset_law(preset, law)
     try:
-        names = parameter_names(law)
+        parameters = law_parameters(law)
     except FieldError as error:
         raise _RefusedError(f"must be {error.allowed}, not {_shown(law)}", ("law",)) from None
     except SceneError as error:
         raise _RefusedError(str(error), ("law",)) from None
-    _refuse_unknown(value, ["law", *names])
+    _refuse_unknown(value, ["law", "preset", *(each.name for each in parameters)])
     values = {}
-    for name in names:
+    for parameter in parameters:
+        name = parameter.name
         if name not in value:
-            raise _RefusedError("is missing; it has no default", (name,))
+            if parameter.default is None and preset is None:
+                raise _RefusedError("is missing; it has no default", (name,))
+            continue
         try:
             values[name] = _number(value[name], float)
         except _RefusedError as error:
             raise _RefusedError(error.problem, (name,)) from None
-    return MaterialDescription(law=law, **values)
+    return MaterialDescription(law=law, preset=preset, **values)
+
+
+def _preset_law(preset: Any, law: Any) -> str:
+    """The law of a preset's constants."""
+    if not isinstance(preset, str):
+        raise _RefusedError(f"must be the name of a material, not {_shown(preset)}", ("preset",))
+    if law is not None and not isinstance(law, str):
+        raise _RefusedError(f"must be the name of a material law, not {_shown(law)}", ("law",))
+    try:
+        elastomer(preset)
+    except SceneError as error:
+        raise _RefusedError(str(error)) from None
+    try:
+        elastomer(preset).fit(law or DEFAULT_FIT)
+    except SceneError as error:
+        raise _RefusedError(str(error), ("law",)) from None
+    return law or DEFAULT_FIT
 
 
 def _one_of(literal: Any) -> Hook:

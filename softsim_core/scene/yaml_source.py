@@ -177,6 +177,8 @@ class _Reader:
 def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> SourcedMapping:
     """`over` laid over `base`: mappings merge, lists of named items merge by `name`, the rest is replaced.
 
+    A material that names a preset replaces the one below it; other keys change that preset, if it is one.
+
     Raises:
         ConfigError: a list that is merged by name names an item twice.
     """
@@ -192,6 +194,11 @@ def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> Sou
 
 
 def _merge_values(base: Any, over: Any, path: KeyPath) -> Any:
+    if path[-1] == "material" and isinstance(over, SourcedMapping):
+        if "preset" in over:
+            return over
+        if isinstance(base, str):
+            base = SourcedMapping({"preset": base}, over.file)
     if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
         return merge(base, over, path)
     if _is_named_list(base) and _is_named_list(over):

@@ -40,6 +40,9 @@ COMMANDS = {
     "export": Command("softsim_ros.cli.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
     "report": Command("softsim_ros.cli.report", "one web page about a bag: charts and the moving picture"),
     "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
+    "material": Command(
+        "softsim_ros.cli.material", "list elastomers; draw one's curve, say its stiffness and a time step"
+    ),
     "urdf": Command("softsim_ros.cli.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"

@@ -16,7 +16,7 @@ from softsim_core.simulation import Simulation
 from softsim_node.parameters import About, ParameterError, checked, declare_value
 from softsim_node.sentences import sentence_of
 
-RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.499)}
+RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.4999)}
 """Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
 
 LARGEST = 1.0e12

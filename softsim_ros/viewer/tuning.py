@@ -111,7 +111,7 @@ def _material_parameter(body: BodyDescription, parameter: MaterialParameter, pre
     scale, unit = (KILO, "kPa") if parameter.unit == "Pa" else (1.0, parameter.unit)
     young = name == "young_modulus"
     shown = value / scale
-    lower, upper = YOUNG_KPA if young else (shown / 10.0, shown * 4.0)
+    lower, upper = YOUNG_KPA if young else (shown / 10.0, shown * 4.0 or 1.0)
     return Tunable(
         f"{prefix}{name}",
         f"{parameter.description} of {body.name} [{unit}]",

@@ -59,3 +59,15 @@ def weight_torque(mass: float, gravity: float, arm: float, angle: float) -> floa
 def torsion_pendulum_angle(stiffness: float, torque: float) -> float:
     """Angle by which a torsion spring gives way to a torque."""
     return torque / stiffness
+
+
+def incompressible_tension(law: str, stretch: float, constants: dict[str, float]) -> float:
+    """Nominal stress in [Pa] along a free bar of rubber of constant volume, by the textbook's formulas."""
+    pull = stretch - stretch**-2
+    if law == "yeoh":
+        t = stretch**2 + 2.0 / stretch - 3.0
+        return 2.0 * pull * (constants["c1"] + 2.0 * constants["c2"] * t + 3.0 * constants["c3"] * t**2)
+    if law == "mooney_rivlin":
+        return 2.0 * pull * (constants["c10"] + constants["c01"] / stretch)
+    terms = ((constants[f"m{k}"], constants[f"alpha{k}"]) for k in (1, 2))
+    return sum(m / a * (stretch ** (a - 1.0) - stretch ** (-0.5 * a - 1.0)) for m, a in terms)

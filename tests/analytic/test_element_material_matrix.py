@@ -36,7 +36,21 @@ from softsim_core.scene.material import MaterialDescription
 
 KNOWN_AT_START = element_names(), material_names()
 HOOKE = {"young_modulus": 2e4, "poisson_ratio": 0.35}
-VALUES = {"corotational": HOOKE, "corotational_qr": HOOKE, "stable_neo_hookean": HOOKE}
+VALUES = {
+    "corotational": HOOKE,
+    "corotational_qr": HOOKE,
+    "stable_neo_hookean": HOOKE,
+    "yeoh": {"c1": 3.7e3, "c2": 400.0, "c3": 30.0, "poisson_ratio": 0.35, "stiffness_factor": 1.0},
+    "ogden": {
+        "m1": 1e4,
+        "alpha1": 2.8,
+        "m2": 4.8e3,
+        "alpha2": -6.0,
+        "poisson_ratio": 0.35,
+        "stiffness_factor": 1.0,
+    },
+    "mooney_rivlin": {"c10": 2.5e3, "c01": 1.2e3, "poisson_ratio": 0.35, "stiffness_factor": 1.0},
+}
 """Parameters of each law in the matrix; forces are compared with these moduli."""
 YOUNG = 2e4
 ELEMENTS = ("tet4", "tet4_four_points")
@@ -44,6 +58,11 @@ ELEMENTS = ("tet4", "tet4_four_points")
 LAWS = tuple(VALUES)
 
 pairs = pytest.mark.parametrize(("cell", "law"), [(cell, law) for cell in ELEMENTS for law in LAWS])
+some_pairs = pytest.mark.parametrize(
+    ("cell", "law"),
+    [(ELEMENTS[0], law) for law in LAWS] + [(cell, LAWS[0]) for cell in ELEMENTS[1:]],
+)
+"""Each law and each element once, for what takes many steps."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -204,7 +223,7 @@ def test_stiffness_of_the_frames_is_the_same_in_both_back_ends(cell: str, law: s
 
 
 @pytest.mark.slow
-@pairs
+@some_pairs
 def test_energy_does_not_grow_in_free_vibration(cell: str, law: str, backend: str) -> None:
     ready = built(cell, law, attachments=(slab("held", "world", 0.0),), gravity=(0.0, 0.0, 0.0))
     model, state = ready.model, ready.model.rest_state()
@@ -231,13 +250,13 @@ def _energy(ready: BuiltScene, state: State) -> float:
     return float(kinetic + elastic)
 
 
-@pairs
+@some_pairs
 @pytest.mark.slow
 def test_motion_comes_to_rest_where_statics_say(cell: str, law: str, backend: str) -> None:
-    ready = built(cell, law, attachments=(slab("held", "world", 0.0),), rayleigh_mass=8.0)
+    ready = built(cell, law, attachments=(slab("held", "world", 0.0),), rayleigh_mass=16.0)
     model, state = ready.model, ready.model.rest_state()
     stepper, inputs = make_stepper(model, backend), Control(np.zeros(0), np.zeros_like(model.rest))
-    for _ in range(500):
+    for _ in range(250):
         stepper.step(state, inputs, ready.parameters)
     solved = solve_static(model, model.rest_state(), inputs, ready.parameters).state.positions
     sag = np.abs(solved - model.rest).max()

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class MaterialParameter:
         unit: "Pa", "s"; "-" for a number without one.
         description: One phrase.
         lower, upper: It lies between them, both excluded.
+        default: Its value where none is given; None: it has to be given.
     """
 
     name: str
@@ -38,6 +39,7 @@ class MaterialParameter:
     description: str
     lower: float = -inf
     upper: float = inf
+    default: float | None = None
 
     @property
     def allowed(self) -> str:
@@ -48,6 +50,18 @@ class MaterialParameter:
         if self.lower == -inf:
             return f"< {self.upper:g}{unit}"
         return f"between {self.lower:g} and {self.upper:g}{unit} (both excluded)"
+
+
+class Refusal(NamedTuple):
+    """Why values that lie in their intervals do not fit together.
+
+    Attributes:
+        name: Parameter to change.
+        allowed: What is allowed for it, beside the others.
+    """
+
+    name: str
+    allowed: str
 
 
 class Material(ABC):
@@ -104,23 +118,31 @@ class Material(ABC):
         turned = self.stress(deformation, p) @ np.swapaxes(deformation, -1, -2)
         return np.asarray(turned / np.linalg.det(deformation)[..., None, None])
 
+    def refusal(self, values: Mapping[str, float]) -> Refusal | None:
+        """Why values of all parameters, each in its interval, do not fit together; None if they do."""
+        return None
+
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Checked values of all parameters, in order.
+        """Checked values of all parameters, in order; those not given have their defaults.
 
         Raises:
-            MaterialError: a parameter is unknown, missing or outside its interval.
+            MaterialError: a parameter is unknown, missing, outside its interval or does not fit the others.
         """
         for name in given:
             if name not in self.names:
                 known = f"is unknown to the law {self.name}; known: {listing(self.names)}"
                 raise MaterialError(name, given[name], known)
+        values = {}
         for parameter in self.parameters:
-            if parameter.name not in given:
+            value = given.get(parameter.name, parameter.default)
+            if value is None:
                 raise MaterialError(parameter.name, "nothing", f"is missing; it must be {parameter.allowed}")
-            value = given[parameter.name]
             if not (parameter.lower < value < parameter.upper):  # also rejects NaN
                 raise MaterialError(parameter.name, value, f"must be {parameter.allowed}")
-        return {name: float(given[name]) for name in self.names}
+            values[parameter.name] = float(value)
+        if refused := self.refusal(values):
+            raise MaterialError(refused.name, values[refused.name], f"must be {refused.allowed}")
+        return values
 
     @property
     def names(self) -> tuple[str, ...]:

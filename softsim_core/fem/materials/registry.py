@@ -5,11 +5,20 @@ from __future__ import annotations
 from softsim_core.fem.materials.corotational import Corotational
 from softsim_core.fem.materials.corotational_qr import CorotationalQr
 from softsim_core.fem.materials.material import Material
+from softsim_core.fem.materials.mooney_rivlin import MooneyRivlin
+from softsim_core.fem.materials.ogden import Ogden
 from softsim_core.fem.materials.stable_neo_hookean import StableNeoHookean
+from softsim_core.fem.materials.yeoh import Yeoh
 from softsim_core.registry import Registry
 
 _MATERIALS: Registry[Material] = Registry(
-    "material law", Corotational(), CorotationalQr(), StableNeoHookean()
+    "material law",
+    Corotational(),
+    CorotationalQr(),
+    StableNeoHookean(),
+    Yeoh(),
+    Ogden(),
+    MooneyRivlin(),
 )
 
 

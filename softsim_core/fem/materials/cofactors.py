@@ -1,0 +1,38 @@
+"""Cofactors of matrices, d det F / dF, and what an energy of them gives for F."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.arrays import Array
+
+_LEVI_CIVITA = np.zeros((3, 3, 3))
+_LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+_LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
+
+
+def cofactor(matrices: Array) -> Array:
+    """D det F / dF: the cofactors of matrices (..., 3, 3), also of singular ones."""
+    a, b, c = matrices[..., 0, :], matrices[..., 1, :], matrices[..., 2, :]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+
+
+def cofactor_slope(matrices: Array) -> Array:
+    """D cof F_ij / dF_kl = e_ikm e_jln F_mn, shape (..., 3, 3, 3, 3)."""
+    return np.asarray(
+        np.einsum("ikm,jln,...mn->...ijkl", _LEVI_CIVITA, _LEVI_CIVITA, matrices, optimize=True)
+    )
+
+
+def stress_of_cofactor(matrices: Array, slope: Array) -> Array:
+    """dV/dF, shape (..., 3, 3), of an energy V(cof F) with the slope dV/d cof F (..., 3, 3)."""
+    return np.asarray(np.einsum("...ijkl,...kl->...ij", cofactor_slope(matrices), slope))
+
+
+def tangent_of_cofactor(matrices: Array, slope: Array, curvature: Array) -> Array:
+    """d2V/dF2 of an energy V(cof F) with that slope and the curvature d2V/d(cof F)2, (..., 3, 3, 3, 3)."""
+    outer = cofactor_slope(matrices)
+    nine = outer.reshape(*outer.shape[:-4], 9, 9)
+    middle = curvature.reshape(*curvature.shape[:-4], 9, 9)
+    turned = nine @ middle @ nine
+    return np.asarray(turned.reshape(*turned.shape[:-2], 3, 3, 3, 3) + cofactor_slope(slope))

@@ -1,0 +1,115 @@
+"""Elastomers by name: measured curves of tension, and laws fitted to them; the table is elastomers.yaml."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import importlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.errors import SceneError, listing
+
+TABLE = Path(__file__).with_name("elastomers.yaml")
+FITTED_LAWS = ("yeoh", "ogden")
+DEFAULT_FIT = "yeoh"
+"""The law of an elastomer where none is asked for."""
+SILICONE_POISSON_RATIO = 0.499
+"""Poisson ratio in [-] of an elastomer where none is asked for: silicone keeps its volume."""
+MEASURED_FACTOR = 1.75
+"""Dragon Skin 10 in a bent beam was so many times stiffer than in the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A law fitted to a curve of tension.
+
+    Attributes:
+        constants: Parameters of the law by name.
+        to_stretch: Up to this stretch in [-].
+    """
+
+    constants: Mapping[str, float]
+    to_stretch: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elastomer:
+    """A measured elastomer.
+
+    Attributes:
+        name: Its name.
+        density: In [kg/m^3], if known.
+        break_stretch: Stretch in [-] at which the bar tore.
+        fits: Fitted laws by name.
+        points: Stretch in [-] and nominal stress in [Pa], shape (k, 2).
+        source: Where the curve comes from, and its licence.
+    """
+
+    name: str
+    density: float | None
+    break_stretch: float
+    fits: Mapping[str, Fit]
+    points: Array
+    source: str
+
+    def fit(self, law: str) -> Fit:
+        """The fit of a law; SceneError names the laws that are fitted."""
+        if law not in self.fits:
+            raise SceneError(f"{self.name}: no constants for the law {law!r}; fitted: {listing(self.fits)}")
+        return self.fits[law]
+
+
+def elastomer(name: str) -> Elastomer:
+    """The elastomer of that name; case, blanks and hyphens do not count.
+
+    Raises:
+        SceneError: there is none; the sentence has the nearest names.
+    """
+    table = _table()
+    if found := table.get(_plain(name)):
+        return found
+    near = [each for each in table if _plain(name) and each.startswith(_plain(name))]
+    near += [each for each in difflib.get_close_matches(_plain(name), table, 3, 0.5) if each not in near]
+    known = f"did you mean: {listing(table[each].name for each in near[:4])}; " if near else ""
+    raise SceneError(f"unknown material {name[:60]!r}; {known}`softsim material` lists all")
+
+
+def elastomer_names() -> tuple[str, ...]:
+    """Names of all elastomers, sorted."""
+    return tuple(sorted(each.name for each in _table().values()))
+
+
+def stiffness_warning(name: str) -> str:
+    """The sentence on the stiffness of the table."""
+    return (
+        f"the table's stiffness of {name} is too low, its strain being the travel of the test machine; set "
+        f"stiffness_factor from a test of your own ({MEASURED_FACTOR:g} was measured for Dragon Skin 10)"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_-]+", "", name).casefold()
+
+
+@functools.lru_cache(maxsize=1)
+def _table() -> dict[str, Elastomer]:
+    data = importlib.import_module("yaml").safe_load(TABLE.read_text(encoding="utf-8"))
+    found = {}
+    for row in data["materials"]:
+        fits = {law: _fit(row[law]) for law in FITTED_LAWS}
+        points = np.array(row["points"], dtype=float) * (1.0, 1e3)
+        found[_plain(row["name"])] = Elastomer(
+            row["name"], row.get("density"), float(row["break_stretch"]), fits, points, data["source"]
+        )
+    return found
+
+
+def _fit(row: Mapping[str, float]) -> Fit:
+    constants = {name: float(value) for name, value in row.items() if name != "to_stretch"}
+    return Fit(constants, float(row["to_stretch"]))
