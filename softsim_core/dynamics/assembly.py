@@ -64,14 +64,20 @@ def static_forces(model: Model, state: State, parameters: Parameters, external: 
 
 
 def node_stiffness(
-    model: Model, state: State, parameters: Parameters, positive: bool = False, distant: bool = False
+    model: Model,
+    state: State,
+    parameters: Parameters,
+    positive: bool = False,
+    distant: bool = False,
+    moved: Array | None = None,
 ) -> sp.csr_matrix:
     """Stiffness of cells and soft fixings in [N/m], shape (3 n, 3 n).
 
     The exact derivative -df/dx, or the `positive` semidefinite one that a time step solves with; see
-    Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium.
+    Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`:
+    see fem.assembly.cell_stiffness.
     """
-    cells = stiffness_matrix(model.groups, state.positions, parameters.materials, positive, distant)
+    cells = stiffness_matrix(model.groups, state.positions, parameters.materials, positive, distant, moved)
     return cells + sp.diags(np.repeat(model.spring, 3))
 
 

@@ -28,7 +28,7 @@ from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, joined, no_rows, sparse_rows
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import MOVED, State
 
 
 class ScipyStepper:
@@ -63,18 +63,21 @@ class ScipyStepper:
     def _advance(self, state: State, control: Control, parameters: Parameters) -> _Solved:
         started = perf_counter()
         control.check(len(self.model.joints), len(self.model.rest))
-        matrix, rhs, mapping = self.system(state, control, parameters)
-        assembled = perf_counter()
         model, h, at = self.model, self.model.dt, self._unknowns
+        before, moved = state.positions.copy(), state.extra.get(MOVED)
+        matrix, rhs, mapping = self.system(state, control, parameters, moved)
+        assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
         wanted = (targets - state.joint_positions)[at.prescribed] / h
         change[at.fixed] = wanted - state.reduced_velocities[at.fixed - at.first_reduced]
         change[at.joints[self.actuators.joint]] = 0.0  # moves no frame
         factors = None
         if len(at.solved):
-            rows = matrix[at.solved]
-            known_part = rows[:, at.fixed] @ change[at.fixed]
-            factors = self._matrices.factor(rows[:, at.solved])
+            factors = self._matrices.factor(matrix[at.solved][:, at.solved])
+            if moved is not None and not factors.positive:
+                matrix, rhs, mapping = self.system(state, control, parameters)
+                factors = self._matrices.factor(matrix[at.solved][:, at.solved])
+            known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
         solved = _Solved(state, matrix, factors, mapping, self.actuators)
         pulled = self._hold_actuators(solved, change, targets)
@@ -86,6 +89,8 @@ class ScipyStepper:
         state.joint_positions[at.prescribed] = targets[at.prescribed]  # exactly, without rounding
         state.base_shift[0] = control.base_shift
         model.place_regions(state)
+        if moved is not None:
+            moved[:] = state.positions - before
         reaction = (matrix[at.fixed] @ change - rhs[at.fixed]) / h - pulled[at.fixed]
         state.joint_efforts[at.prescribed] = reaction
         spring = at.drive * (targets - state.joint_positions)
@@ -135,9 +140,15 @@ class ScipyStepper:
         return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
 
     def system(
-        self, state: State, control: Control, parameters: Parameters
+        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
     ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
         """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
+
+        Args:
+            state: See Stepper.
+            control: See Stepper.
+            parameters: See Stepper.
+            moved: See fem.assembly.cell_stiffness.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
@@ -145,7 +156,7 @@ class ScipyStepper:
         """
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
-        stiffness = node_stiffness(model, state, parameters, positive=True)
+        stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved)
         force = static_forces(model, state, parameters, control.forces)
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
         straining = self._turning.straining(state.positions, state.velocities)
@@ -235,6 +246,8 @@ class ScipyFreeMotion:
         moved = state.joint_positions - free.joint_positions
         state.joint_efforts[at.compliant] -= (at.drive * moved)[at.compliant]
         model.place_regions(state)
+        if MOVED in state.extra:
+            state.extra[MOVED][:] = state.positions - before.positions
         multipliers = solved.multipliers + impulses[: len(solved.actuators)] / h
         solved.actuators.report(model, state, solved.values, multipliers)
         return replace(

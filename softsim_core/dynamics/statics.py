@@ -187,9 +187,11 @@ class _Problem:
     def _iterated(self, before: State, goal: float, tolerance: float, way: str) -> State:
         state, distant = self._predicted(before, goal), way == "distant"
         sizes: list[float] = []
+        moved: Array | None = None
         for _ in range(WAYS[way]):
             residual, forces = self._residual(state, goal)
-            factors = self._factors(state, forces, goal, distant)
+            stiffness = node_stiffness(self.model, state, self.parameters, distant=distant, moved=moved)
+            factors = self._factors(state, forces, goal, stiffness)
             step = self._solve(factors, residual, state)
             sizes.append(self._size(step))
             if not sizes[-1] < np.inf:
@@ -198,14 +200,17 @@ class _Problem:
                 self._accept(state, before, factors, goal, residual)
                 self._move(state, step)
                 return state
+            started = state.positions.copy()
             if way == "damped":
                 if not self._search(state, step, factors, goal):
                     raise self._failure("the line search stalled", goal, residual)
+                moved = state.positions - started
                 continue
             if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
                 raise self._failure("whole steps do not get shorter", goal, residual)
             self._move(state, step)
             distant = distant and sizes[-1] > self.near
+            moved = None if distant else state.positions - started
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
@@ -241,9 +246,11 @@ class _Problem:
         driven = (state.positions - before.positions).ravel()
         if driven.any():
             residual, forces = self._residual(before, goal)
-            stiffness = self._stiffness(before) + on_nodes(model, self._geometric(before))
+            stiffness = node_stiffness(model, before, self.parameters)
+            factors = self._factors(before, forces, goal, stiffness)
+            stiffness = stiffness + on_nodes(model, self._geometric(before))
             residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
-            self._move(state, self._solve(self._factors(before, forces, goal), residual, before))
+            self._move(state, self._solve(factors, residual, before))
         return state
 
     def _targets(self, fraction: float) -> Array:
@@ -265,10 +272,6 @@ class _Problem:
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 
-    def _stiffness(self, state: State, distant: bool = False) -> sp.csr_matrix:
-        """Tangent -df/dx of the cells on the nodes, exact or `distant`, shape (3 n, 3 n)."""
-        return node_stiffness(self.model, state, self.parameters, distant=distant)
-
     def _geometric(self, state: State) -> GeometricStiffness:
         """Geometric stiffness of the actuators."""
         return self.actuators.geometric_stiffness(self.model, state, self._multipliers(state))
@@ -277,10 +280,10 @@ class _Problem:
         """Multipliers of the actuators, shape (c,)."""
         return np.asarray(state.joint_efforts[self.actuators.joint])
 
-    def _factors(self, state: State, forces: Array, fraction: float, distant: bool = False) -> Any:
-        """Factorised tangent of the residual on the unknowns that are solved for."""
+    def _factors(self, state: State, forces: Array, fraction: float, stiffness: sp.csr_matrix) -> Any:
+        """Factorised tangent of the residual on the unknowns that are solved for; see `node_stiffness`."""
         at = self.at
-        matrix = static_tangent(self.model, at, state, forces, self._stiffness(state, distant))
+        matrix = static_tangent(self.model, at, state, forces, stiffness)
         if self.held:
             geometric = self._geometric(state)
             across = rows_on_unknowns(self.model, at, state, geometric.rows).on_unknowns

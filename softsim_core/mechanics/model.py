@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.fem.elements import Element
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials import Material
 from softsim_core.mechanics.limits import JointLimits
@@ -135,7 +136,14 @@ class Model:
 
     def law(self, body: int) -> Material:
         """The material law of a body."""
-        return next(group.material for group in self.groups if (group.body == body).any())
+        return self._group(body).material
+
+    def element(self, body: int) -> Element:
+        """What the cells of a body are."""
+        return self._group(body).element
+
+    def _group(self, body: int) -> ElementGroup:
+        return next(group for group in self.groups if (group.body == body).any())
 
     def rest_state(self) -> State:
         """The state at which the scene is built: everything at rest, joints at their rest positions."""

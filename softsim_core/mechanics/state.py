@@ -11,6 +11,9 @@ from softsim_core.arrays import Array, float_array
 WARM_START_COLUMNS = 4
 """Numbers in a row of State.warm_start: what touches (a number), and its force in three directions in [N]."""
 
+MOVED = "moved"
+"""Name in State.extra of how far the last step moved the nodes in [m], (n, 3), where elements use it."""
+
 
 class State:
     """State of a simulation: named views of one buffer, changed in place.

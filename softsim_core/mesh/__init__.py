@@ -7,6 +7,7 @@ from softsim_core.mesh.checks import MeshReport, check_tets
 from softsim_core.mesh.embedding import Embedding, embed
 from softsim_core.mesh.generators import box_mesh
 from softsim_core.mesh.placement import place, rotation_matrix
+from softsim_core.mesh.quadratic import linear, quadratic, subdivided
 from softsim_core.mesh.readers import read_surface, read_tets
 from softsim_core.mesh.surface import (
     boundary,
@@ -32,10 +33,13 @@ __all__ = [
     "enclosed_volume",
     "euler_number",
     "is_closed",
+    "linear",
     "place",
+    "quadratic",
     "read_surface",
     "read_tets",
     "rotation_matrix",
+    "subdivided",
     "vertex_normals",
     "write_surface",
     "write_tets",

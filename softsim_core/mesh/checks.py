@@ -8,6 +8,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
+from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import TetMesh
 
 SLIVER_ANGLE_DEG = 10.0
@@ -58,6 +59,8 @@ class MeshReport:
 def check_tets(mesh: TetMesh) -> MeshReport:
     """Figures of a mesh; slivers, negative orientation and coincident nodes are accepted with a warning.
 
+    Angles, radii and edges of quadratic cells are those of their corners.
+
     Args:
         mesh: Tetrahedra to check.
 
@@ -66,19 +69,22 @@ def check_tets(mesh: TetMesh) -> MeshReport:
 
     Raises:
         MeshError: arrays of a wrong shape, no element, an index out of range, coordinates that are not
-            finite, elements of zero volume, the same element twice, or nodes that no element uses.
+            finite, elements of zero volume, quadratic ones that fold, the same element twice, or nodes that
+            no element uses.
     """
-    check_arrays(mesh.points, mesh.tets, 4, mesh.name)
-    n, m = len(mesh.points), len(mesh.tets)
+    check_arrays(mesh.points, mesh.tets, 10 if mesh.order == 2 else 4, mesh.name)
+    n, m, tets = len(mesh.points), len(mesh.tets), mesh.tets[:, :4]
     _refuse_unused_nodes(mesh)
     _refuse_repeated_elements(mesh)
-    volumes = tet_volumes(mesh.points, mesh.tets)
-    edges = np.unique(np.sort(mesh.tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0)
+    volumes = tet_volumes(mesh.points, tets)
+    edges = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0)
     lengths = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
     _refuse_zero_volumes(mesh, volumes)
+    inside = tet_volumes(mesh.points, subdivided(mesh).tets).reshape(m, -1)
+    _refuse_folded(mesh, volumes, inside)
 
-    angles = dihedral_angles_deg(mesh.points, mesh.tets)
-    ratios = radius_ratios(mesh.points, mesh.tets)
+    angles = dihedral_angles_deg(mesh.points, tets)
+    ratios = radius_ratios(mesh.points, tets)
     slivers = np.flatnonzero(angles.min(axis=1) < SLIVER_ANGLE_DEG)
     inverted = np.flatnonzero(volumes < 0.0)
     duplicates = n - len(np.unique(mesh.points, axis=0))
@@ -102,7 +108,7 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     return MeshReport(
         nodes=n,
         elements=m,
-        volume=float(np.abs(volumes).sum()),
+        volume=float(np.abs(inside).sum()),
         inverted=len(inverted),
         slivers=len(slivers),
         duplicate_nodes=duplicates,
@@ -123,13 +129,13 @@ def check_arrays(points: Array, cells: IndexArray, corners: int, name: str) -> N
     Args:
         points: Coordinates, must be finite and of shape (n, 3).
         cells: Indices, must be of shape (m, corners), m >= 1, and in 0..n-1.
-        corners: 4 for tetrahedra, 3 for triangles.
+        corners: Nodes of a cell: 4 or 10 for tetrahedra, 3 for triangles.
         name: Where the mesh came from.
 
     Raises:
         MeshError: names what is wrong and the first place where it is.
     """
-    kind = "tetrahedra" if corners == 4 else "triangles"
+    kind = "triangles" if corners == 3 else "tetrahedra"
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(name, f"coordinates have shape {points.shape}, they must have shape (n, 3)")
     if cells.ndim != 2 or cells.shape[1] != corners:
@@ -202,6 +208,17 @@ def _refuse_unused_nodes(mesh: TetMesh) -> None:
             mesh.name,
             f"{len(unused)} of {len(mesh.points)} nodes belong to no tetrahedron, the first is node "
             f"{unused[0]} (counted from 0); export the mesh without them",
+        )
+
+
+def _refuse_folded(mesh: TetMesh, volumes: Array, parts: Array) -> None:
+    """Parts: volumes of the linear tetrahedra within each cell, shape (m, p)."""
+    folded = np.flatnonzero((parts * volumes[:, None] <= 0.0).any(axis=1))
+    if len(folded):
+        raise MeshError(
+            mesh.name,
+            f"{len(folded)} of {len(mesh.tets)} quadratic elements are so curved that they fold, the first "
+            f"is element {folded[0]} (counted from 0); move the nodes on its edges, or export a linear mesh",
         )
 
 

@@ -1,4 +1,7 @@
-"""Barycentric children: points that follow the tetrahedron they lie in."""
+"""Barycentric children: points that follow the tetrahedron they lie in.
+
+In a quadratic cell that is one of the eight linear tetrahedra between its nodes, see mesh.quadratic.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
+from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import TetMesh
 
 _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rounded to float32
@@ -18,7 +22,7 @@ class Embedding:
     """Points p = Σ w_k x_k of four nodes each, with weights frozen at the rest shape.
 
     Attributes:
-        tets: The tetrahedron of each point, shape (p,).
+        tets: The tetrahedron of each point, among the linear ones, shape (p,).
         weights: Barycentric weights, rows add up to 1, shape (p, 4); negative ones extrapolate.
         nodes: The nodes of that tetrahedron, shape (p, 4).
         outside: How far outside its tetrahedron a point lies, in element heights, 0 inside, shape (p,).
@@ -54,7 +58,8 @@ def embed(points: Array, mesh: TetMesh) -> Embedding:
         raise MeshError(
             mesh.name, f"points to embed, shape {points.shape}, must be finite and of shape (p, 3)"
         )
-    corners = mesh.points[mesh.tets]
+    tets = subdivided(mesh).tets
+    corners = mesh.points[tets]
     try:
         inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))
     except np.linalg.LinAlgError as error:
@@ -80,7 +85,7 @@ def embed(points: Array, mesh: TetMesh) -> Embedding:
         chosen[lost] = cKDTree(centres).query(points[lost])[1]
     local = _local(points, chosen, corners, inverse)
     weights = np.column_stack([1.0 - local.sum(axis=1), local])
-    return Embedding(chosen, weights, mesh.tets[chosen], np.maximum(_excess(local), 0.0))
+    return Embedding(chosen, weights, tets[chosen], np.maximum(_excess(local), 0.0))
 
 
 def _local(points: Array, tets: IndexArray, corners: Array, inverse: Array) -> Array:

@@ -8,6 +8,7 @@ import io
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -48,7 +49,7 @@ _Cells = dict[str, list[IndexArray]]
 
 
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
-    """Tetrahedra of a mesh file; other kinds of elements in it are skipped.
+    """Tetrahedra of a mesh file, linear or quadratic; other kinds of elements in it are skipped.
 
     Args:
         path: File in one of the formats of SUFFIXES.
@@ -58,8 +59,8 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
         The mesh, nodes and elements in file order, named after the file.
 
     Raises:
-        MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no linear
-            tetrahedra.
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, has no tetrahedra, or both
+            linear and quadratic ones.
     """
     file = Path(path)
     with _one_error(file):
@@ -68,14 +69,22 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
 
 def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
     points, cells = _read(file)
-    blocks = cells.get("tetra", [])
+    mesh = _tet_mesh(points, cells, file)
+    return replace(mesh, points=place(points, placement))
+
+
+def _tet_mesh(points: Array, cells: _Cells, file: Path) -> TetMesh:
+    linear, quadratic = cells.get("tetra", []), cells.get("tetra10", [])
+    blocks = linear or quadratic
     if not blocks:
+        raise MeshError(file, f"holds no tetrahedra ({_found(cells)}); export a tetrahedral volume mesh")
+    if linear and quadratic:
         raise MeshError(
-            file, f"holds no linear tetrahedra ({_found(cells)}); export a tetrahedral volume mesh"
+            file, f"mixes linear and quadratic tetrahedra ({_found(cells)}); export all of one order"
         )
     tets = np.ascontiguousarray(np.concatenate(blocks), dtype=np.int64)
-    check_arrays(points, tets, 4, str(file))
-    return TetMesh(place(points, placement), tets, str(file))
+    check_arrays(points, tets, 4 if linear else 10, str(file))
+    return TetMesh(points, tets, str(file))
 
 
 def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
@@ -104,10 +113,8 @@ def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
     faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
     if faces:
         triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
-    elif "tetra" in cells:
-        tets = np.concatenate(cells["tetra"])
-        check_arrays(points, tets, 4, str(file))
-        triangles = boundary(TetMesh(points, tets, str(file)))
+    elif "tetra" in cells or "tetra10" in cells:
+        triangles = boundary(_tet_mesh(points, cells, file))
     else:
         raise MeshError(file, f"holds no triangles ({_found(cells)}); export a surface mesh")
     check_arrays(points, triangles, 3, str(file))

@@ -6,6 +6,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
+from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -16,7 +17,8 @@ def boundary(mesh: TetMesh) -> IndexArray:
     """Faces that belong to one tetrahedron only.
 
     Args:
-        mesh: Tetrahedra of either orientation.
+        mesh: Tetrahedra of either orientation. Each face of a quadratic one gives four triangles, which
+            follow it where it is curved.
 
     Returns:
         Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in element order.
@@ -24,9 +26,10 @@ def boundary(mesh: TetMesh) -> IndexArray:
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
     """
-    corners = mesh.points[mesh.tets]
+    tets = subdivided(mesh).tets
+    corners = mesh.points[tets]
     inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
-    faces = mesh.tets[:, _FACES]
+    faces = tets[:, _FACES]
     faces[inverted] = faces[inverted][:, :, ::-1]
     faces = faces.reshape(-1, 3)
     _, inverse, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)

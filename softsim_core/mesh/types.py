@@ -9,17 +9,23 @@ from softsim_core.arrays import Array, IndexArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TetMesh:
-    """A mesh of linear tetrahedra.
+    """A mesh of linear or quadratic tetrahedra.
 
     Attributes:
         points: Node positions in [m], shape (n, 3).
-        tets: Node indices, shape (m, 4), positively oriented or not (the volume is taken absolute).
+        tets: Node indices, shape (m, 4), or (m, 10) with nodes on the edges, see mesh.quadratic; positively
+            oriented or not (the volume is taken absolute).
         name: Where it came from, for messages.
     """
 
     points: Array
     tets: IndexArray
     name: str = "mesh"
+
+    @property
+    def order(self) -> int:
+        """1 for linear cells, 2 for quadratic ones."""
+        return 2 if self.tets.shape[1:] == (10,) else 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

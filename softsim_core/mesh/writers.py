@@ -10,7 +10,7 @@ from softsim_core.errors import MeshError
 from softsim_core.mesh.surface import triangle_normals
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
-_VTK_TETRAHEDRON = 10
+_VTK_TETRAHEDRON, _VTK_QUADRATIC_TETRAHEDRON = 10, 24
 
 
 def write_tets(path: Path, mesh: TetMesh) -> Path:
@@ -22,15 +22,16 @@ def write_tets(path: Path, mesh: TetMesh) -> Path:
     Raises:
         MeshError: the file cannot be written.
     """
-    n, m = len(mesh.points), len(mesh.tets)
-    cells = np.column_stack([np.full(m, 4), mesh.tets]).astype(">i4")
+    n, (m, corners) = len(mesh.points), mesh.tets.shape
+    kind = _VTK_TETRAHEDRON if mesh.order == 1 else _VTK_QUADRATIC_TETRAHEDRON
+    cells = np.column_stack([np.full(m, corners), mesh.tets]).astype(">i4")
     title = mesh.name.encode("ascii", "replace").splitlines()[0] if mesh.name else b"mesh"
     _write(
         path,
         b"# vtk DataFile Version 2.0\n" + title[:255] + b"\nBINARY\nDATASET UNSTRUCTURED_GRID\n",
         f"POINTS {n} double\n".encode() + mesh.points.astype(">f8").tobytes(),
-        f"\nCELLS {m} {5 * m}\n".encode() + cells.tobytes(),
-        f"\nCELL_TYPES {m}\n".encode() + np.full(m, _VTK_TETRAHEDRON, ">i4").tobytes() + b"\n",
+        f"\nCELLS {m} {cells.size}\n".encode() + cells.tobytes(),
+        f"\nCELL_TYPES {m}\n".encode() + np.full(m, kind, ">i4").tobytes() + b"\n",
     )
     return path
 

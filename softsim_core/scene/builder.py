@@ -10,6 +10,7 @@ import numpy as np
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
+from softsim_core.fem.assembly import mean_volume_law
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
@@ -17,12 +18,15 @@ from softsim_core.fem.mass import volume_shares
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
+from softsim_core.mechanics.state import MOVED
 from softsim_core.mesh import (
     SurfaceMesh,
     TetMesh,
     boundary,
     check_tets,
     embed,
+    linear,
+    quadratic,
     read_surface,
     read_tets,
 )
@@ -35,6 +39,9 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
+
+ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
+"""Element of bodies that name none, by the nodes of a cell of their mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +85,7 @@ def build(scene: SceneDescription) -> BuiltScene:
         frame_rest=frame_rest,
         joints=joints,
         rigid=rigid_bodies(scene),
+        extra_state={MOVED: rest.shape} if any(map(mean_volume_law, groups)) else {},
     )
     parameters = Parameters(
         materials=[dict(body.material.values) for body in scene.bodies],
@@ -93,6 +101,8 @@ def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
         mesh = description.mesh
         if not isinstance(mesh, TetMesh):
             mesh = read_tets(mesh.file, mesh.placement)
+        if description.order is not None:
+            mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
         for sentence in check_tets(mesh).warnings:
             warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
         triangles = boundary(mesh)
@@ -131,8 +141,9 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> t
     ends = np.cumsum([len(body.mesh.tets) for body in bodies])
     members: dict[tuple[str, str], list[int]] = {}
     for b, description in enumerate(scene.bodies):
-        cell, law = element(description.element), description.material.law_for(scene.solver.rotation)
         nodes = bodies[b].mesh.tets.shape[1]
+        cell = element(description.element or ELEMENT_OF_NODES[nodes])
+        law = description.material.law_for(scene.solver.rotation)
         if len(cell.reference) != nodes:
             raise SceneError(
                 f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "

@@ -52,7 +52,10 @@ class BodyDescription:
         velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
         colour: Red, green, blue, alpha in 0..1, for pictures only.
-        element: Name of the element that its cells are, see fem.elements; as many nodes as the mesh's cells.
+        order: 2 puts a node on each edge of a linear mesh, 1 leaves those of a quadratic one out; None: as
+            the mesh is.
+        element: Name of the element that its cells are, see fem.elements, with as many nodes as they have;
+            None: tet4 or tet10.
     """
 
     name: str
@@ -64,7 +67,8 @@ class BodyDescription:
     velocity: Vector = (0.0, 0.0, 0.0)
     surface: MeshFile | None = None
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
-    element: str = "tet4"
+    order: Literal[1, 2] | None = None
+    element: str | None = None
 
     def __post_init__(self) -> None:
         need_finite(f"body {self.name}", "velocity", self.velocity)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
@@ -52,7 +54,8 @@ class SceneState:
         self._surface = SurfaceFollower(
             [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
         )
-        self._mean_at_nodes = mean_at_nodes(self.tets, len(self.model.rest))
+        cells = [body.mesh.tets + body.nodes.start for body in self.bodies]
+        self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
 
     def _rest_state(self) -> State:
         """The state at which the scene is built: at rest but for the velocities of its bodies."""
@@ -128,8 +131,8 @@ class SceneState:
 
     @property
     def tets(self) -> IndexArray:
-        """Tetrahedra of all bodies, shape (m, 4)."""
-        tets = [body.mesh.tets + body.nodes.start for body in self.bodies]
+        """Tetrahedra of all bodies, of quadratic ones the corners, shape (m, 4)."""
+        tets = [body.mesh.tets[:, :4] + body.nodes.start for body in self.bodies]
         return np.concatenate([np.zeros((0, 4), np.int64), *tets])
 
     @property
@@ -259,14 +262,15 @@ class SceneState:
         return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
 
 
-def mean_at_nodes(elements: IndexArray, count: int) -> csr_array:
+def mean_at_nodes(elements: Sequence[IndexArray], count: int) -> csr_array:
     """Matrix (n, m) from values of m elements to the mean of those around each of `count` nodes; 0 at others.
 
     Args:
-        elements: Node indices, shape (m, a).
+        elements: Node indices of the elements, body by body, shapes (., a).
         count: Number of nodes n.
     """
-    nodes = elements.ravel()
+    nodes = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for cells in elements)])
     around = np.bincount(nodes, minlength=count)
-    element = np.repeat(np.arange(len(elements)), elements.shape[1])
-    return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(elements)))
+    sizes = [cells.shape[1] for cells in elements for _ in range(len(cells))]
+    element = np.repeat(np.arange(len(sizes)), sizes)
+    return csr_array((1.0 / around[nodes], (nodes, element)), shape=(count, len(sizes)))

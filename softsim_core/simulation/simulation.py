@@ -26,7 +26,6 @@ from softsim_core.errors import (
     SolverDivergedError,
     listing,
 )
-from softsim_core.fem.elements import element
 from softsim_core.fem.locking import locking_warning
 from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control
@@ -260,7 +259,7 @@ class Simulation(SceneState):
         """
         b = self._body(body)
         changed = self.model.law(b).values({**self.parameters.materials[b], **values})
-        if sentence := locking_warning(element(self.scene.bodies[b].element), values):
+        if sentence := locking_warning(self.model.element(b), values):
             warnings.warn(f"body {body}: {sentence}", stacklevel=2)
         self.parameters.materials[b] = changed
 
@@ -355,7 +354,11 @@ class Simulation(SceneState):
         self._report = replace(self._report, measure=nothing)
 
     def equilibrium(
-        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+        self,
+        joints: Sequence[float] | Array = (),
+        base_shift: float | None = None,
+        *,
+        tolerance: float = 1e-11,
     ) -> StaticSolution:
         """The static equilibrium that is reached from the present state; nothing is changed.
 

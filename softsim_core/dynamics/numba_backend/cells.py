@@ -1,4 +1,4 @@
-"""The cells of a model for the compiled step: with kernels of their own, or through blocks from NumPy."""
+"""The cells of a model for the compiled step: with kernels of their own, or through blocks of node pairs."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.elements import assemble_free, assemble_mixed, von_mises_stress
 from softsim_core.dynamics.numba_backend.layout import Cells, Elements, Nodes, Work
-from softsim_core.dynamics.numba_backend.scatter import PlainCells, node_pairs, scatter
-from softsim_core.fem.assembly import cell_von_mises, inverted_cells
+from softsim_core.dynamics.numba_backend.rubber import count_folded
+from softsim_core.dynamics.numba_backend.scatter import PairedCells, node_pairs, scatter
+from softsim_core.fem.assembly import cell_von_mises
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, empty_group
 from softsim_core.fem.materials import material
@@ -53,7 +54,7 @@ class PlannedCells:
 
     Attributes:
         arrays: For the kernels.
-        plain: The cells without kernels.
+        paired: The cells whose stiffness is added pair by pair.
     """
 
     def __init__(
@@ -68,13 +69,19 @@ class PlannedCells:
             for chosen in (all_free, ~all_free):
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
-        self._plain_groups = tuple(by_kind.values())
-        self.plain = PlainCells(self._plain_groups, nodes, local, layout)
+        self._paired_groups = tuple(by_kind.values())
+        self.paired = PairedCells(self._paired_groups, nodes, local, layout)
+        self._beside_linear = [
+            (group.cells, np.ascontiguousarray(np.swapaxes(group.gradients, 2, 3)))
+            for group in self._paired_groups
+            if group.cells.shape[1] != 4
+        ]
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
-        self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.plain.pairs)
+        self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""
+        self.paired.tune(materials)
         for group, elements, _ in self._kernels:
             moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
             padded = np.zeros((len(elements.lame) * LANES, 2))
@@ -88,14 +95,13 @@ class PlannedCells:
             moduli = np.zeros((self._count, 2))
             moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
             von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
-        for group in self._plain_groups:
+        for group in self._paired_groups:
             result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
         return result
 
     def inverted_beside_linear(self, positions: Array) -> int:
         """How many cells of more than four nodes are inside out at positions (n, 3)."""
-        curved = (group for group in self._plain_groups if group.cells.shape[1] != 4)
-        return sum(int(inverted_cells(group, positions).sum()) for group in curved)
+        return sum(count_folded(positions, *cells) for cells in self._beside_linear)
 
 
 def deforming(model: Model) -> list[ElementGroup]:

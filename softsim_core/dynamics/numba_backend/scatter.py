@@ -1,4 +1,4 @@
-"""Cells without a compiled kernel: blocks computed in NumPy, added to the factor's panels pair by pair."""
+"""Cells whose stiffness blocks are computed first, then added to the factor's panels pair by pair."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.layout import Nodes, Pairs, Work
-from softsim_core.fem.assembly import cell_forces, cell_stiffness
+from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
+from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials.first_invariant import SeriesRubber
+from softsim_core.kernels import OneSignature
 from softsim_core.linalg.symbolic import Plan
 from softsim_core.mechanics.state import State
 
@@ -46,8 +49,8 @@ def scatter(scale: float, pairs: Pairs, nodes: Nodes, work: Work) -> None:
                             schur[m, k] += scale * jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
 
 
-class PlainCells:
-    """The cells of groups without a compiled kernel.
+class PairedCells:
+    """The cells whose stiffness is added pair by pair: rubber by its own kernel, the others from NumPy.
 
     Args:
         groups: Their groups, without cells that are rigid as a whole.
@@ -57,13 +60,24 @@ class PlainCells:
     """
 
     def __init__(self, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan) -> None:
-        self._groups = tuple(group for group in groups if len(group.cells))
-        ordered = [node_pairs(group.cells) for group in self._groups]
+        self._groups = [
+            (group, rubber_cells(group) if isinstance(group.material, SeriesRubber) else None)
+            for group in groups
+            if len(group.cells)
+        ]
+        ordered = [node_pairs(group.cells) for group, _ in self._groups]
         both = np.concatenate([np.zeros((0, 2), np.int64), *ordered])
         self.pairs = _placed(both, nodes, local, layout)
+        self._fill_rubber = OneSignature(fill_rubber)
 
     def __bool__(self) -> bool:
         return bool(self._groups)
+
+    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
+        """Take over the parameters of each body's law by name."""
+        for group, compiled in self._groups:
+            if compiled is not None:
+                tune(compiled, group, group.values(materials))
 
     def fill(
         self,
@@ -72,6 +86,7 @@ class PlainCells:
         positive: bool,
         lag: float = 0.0,
         straining: Array | None = None,
+        moved: Array | None = None,
     ) -> Array:
         """Set the blocks at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
@@ -81,18 +96,24 @@ class PlainCells:
             positive: See fem.assembly.cell_stiffness.
             lag: In [s].
             straining: The velocities v in [m/s], shape (n, 3); None: there are none.
+            moved: See fem.assembly.cell_stiffness.
         """
         forces, first = np.zeros_like(state.positions), 0
-        for group in self._groups:
-            p = group.values(materials)
-            blocks = cell_stiffness(group, state.positions, p, positive)
-            on_nodes = cell_forces(group, state.positions, p)
-            if straining is not None:
-                on_nodes -= lag * np.einsum("mabij,mbj->mai", blocks, straining[group.cells])
-            np.add.at(forces, group.cells, on_nodes)
-            count = blocks.size // 9
-            self.pairs.blocks[first : first + count] = blocks.reshape(-1, 3, 3)
+        velocities = np.zeros_like(forces) if straining is None else straining
+        for group, compiled in self._groups:
+            count = group.cells.size * group.cells.shape[1]
+            blocks = self.pairs.blocks[first : first + count]
             first += count
+            if compiled is not None and (not positive or (moved is not None and mean_volume_law(group))):
+                by = forces[:0] if moved is None else moved
+                self._fill_rubber(state.positions, by, velocities, lag, compiled, forces, blocks)
+                continue
+            p = group.values(materials)
+            stiffness = cell_stiffness(group, state.positions, p, positive, moved=moved)
+            on_nodes = cell_forces(group, state.positions, p)
+            on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
+            np.add.at(forces, group.cells, on_nodes)
+            blocks[:] = stiffness.reshape(-1, 3, 3)
         return forces
 
 

@@ -40,7 +40,7 @@ from softsim_core.linalg.simd import steady_seconds
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import MOVED, State
 
 
 @kernel
@@ -166,23 +166,39 @@ class NumbaStepper:
         self._turning = FreeTurning(model)
         self._weight = model.mass[:, None] * model.gravity
         self._tuned: tuple[list[list[float]], float, float] | None = None
-        self._before, self._free = model.empty_state(), model.empty_state()
+        self._before, self._free, self._start = (model.empty_state() for _ in range(3))
         self._responses = Responses(model, actuators, self._prepared)
         self._advance, self._factor = OneSignature(advance), OneSignature(factor)
         self._assemble_tangent = OneSignature(assemble_tangent)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
+        control.check(len(self.model.joints), len(self.model.rest))
+        moved = state.extra.get(MOVED)
+        if moved is None:
+            return self._step(state, control, parameters)
+        before = self._start
+        before.copy_from(state)
+        report = self._step(state, control, parameters, moved)
+        if not report.positive:
+            state.copy_from(before)
+            report = self._step(state, control, parameters)
+        moved[:] = state.positions - before.positions
+        return report
+
+    def _step(
+        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
+    ) -> StepReport:
+        """One step; `moved`: see fem.assembly.cell_stiffness."""
         model, data = self.model, self._prepared
-        control.check(len(model.joints), len(model.rest))
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
         external = control.forces + self._weight
         straining = self._turning.straining(state.positions, state.velocities)
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
-        if data.cells.plain:
-            external += data.cells.plain.fill(state, parameters.materials, True, lag, straining)
+        if data.cells.paired:
+            external += data.cells.paired.fill(state, parameters.materials, True, lag, straining, moved)
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
@@ -226,8 +242,8 @@ class NumbaStepper:
     def _factor_tangent(self, state: State, parameters: Parameters, loads: Array, tangent: int) -> bool:
         """Factor the static tangent in the panels; returns whether it is positive on the free nodes."""
         data = self._prepared
-        if data.cells.plain:
-            loads = loads + data.cells.plain.fill(state, parameters.materials, tangent == CLAMPED)
+        if data.cells.paired:
+            loads = loads + data.cells.paired.fill(state, parameters.materials, tangent == CLAMPED)
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
@@ -273,6 +289,8 @@ class NumbaFreeMotion:
         state.velocities[:], state.reduced_velocities[:] = free.velocities, free.reduced_velocities
         state.joint_positions[:], state.joint_efforts[:] = free.joint_positions, free.joint_efforts
         speed = self._responses.correct(state, self.before, impulses)
+        if MOVED in state.extra:
+            state.extra[MOVED][:] = state.positions - self.before.positions
         inverted = count_inverted(state.positions, self._corners)
         inverted += self._responses.prepared.cells.inverted_beside_linear(state.positions)
         return replace(self.report, top_speed=speed, inverted=inverted)

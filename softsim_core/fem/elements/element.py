@@ -33,6 +33,9 @@ class Element(Protocol):
             Over the nodes they sum to zero, and `reference` times them is the identity.
         edges: Node pairs along the cell's edges, for pictures, shape (e, 2).
         faces: Node numbers of the cell's faces, seen from outside counter-clockwise, shape (f, k).
+        mass_shares: Part of a cell's mass that each node carries; they are >= 0, their sum is 1, shape (a,).
+        mean_volume: Whether the bulk of a VolumetricMaterial beyond `point_bulk` acts on the cell's mean
+            dilatation, not on that of each point.
     """
 
     @property
@@ -49,11 +52,15 @@ class Element(Protocol):
     def edges(self) -> IndexArray: ...  # noqa: D102
     @property
     def faces(self) -> IndexArray: ...  # noqa: D102
+    @property
+    def mass_shares(self) -> Array: ...  # noqa: D102
+    @property
+    def mean_volume(self) -> bool: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElementData:
-    """An element given by its arrays; see Element."""
+    """An element given by its arrays; see Element. Without `shares`, every node carries the same mass."""
 
     name: str
     reference: Array
@@ -62,6 +69,14 @@ class ElementData:
     slopes: Array
     edges: IndexArray
     faces: IndexArray
+    shares: Array | None = None
+    mean_volume: bool = False
+
+    @property
+    def mass_shares(self) -> Array:
+        """See Element."""
+        nodes = len(self.reference)
+        return np.full(nodes, 1.0 / nodes) if self.shares is None else self.shares
 
 
 def check_element(element: Element) -> None:
@@ -79,6 +94,11 @@ def check_element(element: Element) -> None:
         )
     if not (element.weights > 0.0).all():
         raise ValueError(f"element {element.name}: all quadrature weights must be > 0")
+    shares = element.mass_shares
+    if shares.shape != (nodes,) or not (shares >= 0.0).all() or abs(shares.sum() - 1.0) > 1e-9:
+        raise ValueError(
+            f"element {element.name}: mass_shares must be {nodes} numbers >= 0 whose sum is 1, not {shares}"
+        )
     identity = np.einsum("ai,qaj->qij", element.reference, element.slopes)
     if np.abs(element.slopes.sum(axis=1)).max() > 1e-9 or np.abs(identity - np.eye(3)).max() > 1e-9:
         raise ValueError(

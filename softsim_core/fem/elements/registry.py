@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from softsim_core.fem.elements.element import Element, check_element
 from softsim_core.fem.elements.tet4 import TET4
+from softsim_core.fem.elements.tet10 import TET10
 from softsim_core.registry import Registry
 
-_ELEMENTS: Registry[Element] = Registry("element", TET4)
+_ELEMENTS: Registry[Element] = Registry("element", TET4, TET10)
 
 
 def register_element(element: Element) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.errors import FactorisationError
 from softsim_core.fem.materials.isotropic import HOOKE, lame
-from softsim_core.fem.materials.material import Material
+from softsim_core.fem.materials.material import Material, VolumetricMaterial
 
 SMALLEST_VOLUME = 1e-6
 """det(tr(S) I - S), 8 at rest, is taken no smaller than this: a crumpled element that is blown up has no
@@ -55,12 +55,12 @@ class RotatedHooke(Material):
         result = result + mu * np.eye(9).reshape(3, 3, 3, 3)
         return np.asarray(result + mu * np.einsum("...il,...kj->...ijkl", rotation, rotation))
 
-    def cauchy_stress(self, deformation: Array, p: Array) -> Array:
+    def cauchy_stress(self, deformation: Array, stress: Array) -> Array:
         """The rotated stress sigma, which does not count the change of area; see Material."""
-        return hooke_stress(_stretch(deformation, self.rotations(deformation)) - np.eye(3), p)
+        return np.asarray(stress @ np.swapaxes(self.rotations(deformation), -1, -2))
 
 
-class Corotational(RotatedHooke):
+class Corotational(RotatedHooke, VolumetricMaterial):
     """R is the rotation of the polar decomposition, the nearest one to F; inverted elements come back."""
 
     name = "corotational"
@@ -69,25 +69,52 @@ class Corotational(RotatedHooke):
         """See RotatedHooke."""
         return polar_rotations(deformation)
 
-    def tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material; singular where two principal stretches cancel."""
-        return self._tangent(deformation, p, clamped=False)
+    def bulk(self, p: Array) -> Array:
+        """Lambda, on theta = tr(S - I); see VolumetricMaterial."""
+        return lame(p)[0]
 
-    def positive_tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material.
+    def point_bulk(self, p: Array) -> Array:
+        """Mu at most; see VolumetricMaterial."""
+        return np.asarray(np.minimum(*lame(p)))
+
+    def dilatation(self, deformation: Array) -> Array:
+        """tr(S - I); see VolumetricMaterial."""
+        return np.asarray((deformation * self.rotations(deformation)).sum(axis=(-2, -1)) - 3.0)
+
+    def dilatation_slope(self, deformation: Array) -> Array:
+        """R; see VolumetricMaterial."""
+        return self.rotations(deformation)
+
+    def shear_energy(self, deformation: Array, p: Array) -> Array:
+        """Mu |S - I|^2; see VolumetricMaterial."""
+        strain = _stretch(deformation, self.rotations(deformation)) - np.eye(3)
+        return np.asarray(lame(p)[1] * (strain**2).sum(axis=(-2, -1)))
+
+    def shear_stress(self, deformation: Array, p: Array) -> Array:
+        """2 mu (S - I) R; see VolumetricMaterial."""
+        rotation = self.rotations(deformation)
+        strain = _stretch(deformation, rotation) - np.eye(3)
+        return np.asarray(2.0 * lame(p)[1][..., None, None] * (strain @ rotation))
+
+    def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
+        """See VolumetricMaterial; singular where two principal stretches cancel."""
+        return self._tangent(deformation, p, bulk, pressure, clamped=False)
+
+    def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
+        """See VolumetricMaterial.
 
         Only the modes dF = [w]x R that turn an element can have a negative eigenvalue, 2 mu - 2 g with g
-        those of gamma (tr(S) I - S)^-1 and gamma = 2 mu - lambda tr(S - I): no g is taken larger than mu.
+        those of gamma (tr(S) I - S)^-1 and gamma = 2 mu - p: no g is taken larger than mu.
         """
-        return self._tangent(deformation, p, clamped=True)
+        return self._tangent(deformation, p, bulk, pressure, clamped=True)
 
-    def _tangent(self, deformation: Array, p: Array, clamped: bool) -> Array:
-        """2 mu I + lambda R R^T - E^T G E, E the axial vector of dF R^T, G = gamma (tr(S) I - S)^-1."""
+    def _tangent(self, deformation: Array, p: Array, bulk: Array, pressure: Array, clamped: bool) -> Array:
+        """2 mu I + bulk R R^T - E^T G E, E the axial vector of dF R^T, G = gamma (tr(S) I - S)^-1."""
         rotation = self.rotations(deformation)
         principal, axes = np.linalg.eigh(_stretch(deformation, rotation))
-        lam, mu = (each[..., None] for each in lame(p))
+        mu, bulk = lame(p)[1][..., None], bulk[..., None]
         trace = principal.sum(axis=-1, keepdims=True)
-        sums, gamma = trace - principal, 2.0 * mu - lam * (trace - 3.0)
+        sums, gamma = trace - principal, 2.0 * mu - pressure[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
             if clamped:
                 within = mu * sums > gamma
@@ -102,7 +129,7 @@ class Corotational(RotatedHooke):
         )
         identity = np.eye(9).reshape(3, 3, 3, 3)
         result = 2.0 * mu[..., None, None, None] * identity
-        result = result + lam[..., None, None, None] * np.einsum("...ij,...kl->...ijkl", rotation, rotation)
+        result = result + bulk[..., None, None, None] * np.einsum("...ij,...kl->...ijkl", rotation, rotation)
         turned = np.einsum("...n,...nij->...nij", turning, modes)
         return np.asarray(result - np.einsum("...nij,...nkl->...ijkl", turned, modes))
 

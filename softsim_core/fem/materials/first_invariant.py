@@ -56,6 +56,24 @@ class FirstInvariantRubber(Rubber):
         return np.asarray(result + 2.0 * first * np.eye(9).reshape(3, 3, 3, 3))
 
 
+class SeriesRubber(FirstInvariantRubber):
+    r"""Laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`; these have compiled kernels."""
+
+    @abstractmethod
+    def series(self, p: Array) -> Array:
+        """The coefficients c1, c2, c3 and l in [Pa], shape (..., 4)."""
+
+    def psi(self, t: Array, p: Array) -> Slopes:
+        """See FirstInvariantRubber."""
+        c1, c2, c3, log = np.moveaxis(self.series(p), -1, 0)
+        over = 1.0 / (t + 4.0)
+        return Slopes(
+            t * (c1 + t * (c2 + t * c3)) - log * np.log1p(0.25 * t),
+            c1 + t * (2.0 * c2 + 3.0 * t * c3) - log * over,
+            2.0 * c2 + 6.0 * t * c3 + log * over**2,
+        )
+
+
 def _t(deformation: Array) -> Array:
     """I_C - 3, shape (...)."""
     return np.asarray((deformation**2).sum(axis=(-2, -1)) - 3.0)

@@ -101,21 +101,15 @@ class Material(ABC):
         Raises:
             FactorisationError: a deformation is not finite.
         """
-        exact = self.tangent(deformation, p)
-        matrix = exact.reshape(*exact.shape[:-4], 9, 9)
-        if not np.isfinite(matrix).all():
-            raise FactorisationError("the deformation of an element is not finite")
-        values, vectors = np.linalg.eigh(0.5 * (matrix + np.swapaxes(matrix, -1, -2)))
-        clamped = (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
-        return np.asarray(clamped.reshape(exact.shape))
+        return clamped(self.tangent(deformation, p))
 
     def distant_tangent(self, deformation: Array, p: Array) -> Array:
         """A positive tangent for statics far from an equilibrium, such as a crumpled start; as `tangent`."""
         return self.positive_tangent(deformation, p)
 
-    def cauchy_stress(self, deformation: Array, p: Array) -> Array:
-        """Stress in world axes in [Pa], symmetric, for the von Mises stress: P F^T / det F, (..., 3, 3)."""
-        turned = self.stress(deformation, p) @ np.swapaxes(deformation, -1, -2)
+    def cauchy_stress(self, deformation: Array, stress: Array) -> Array:
+        """Stress in world axes in [Pa], symmetric, of a first Piola stress P: P F^T / det F, (..., 3, 3)."""
+        turned = stress @ np.swapaxes(deformation, -1, -2)
         return np.asarray(turned / np.linalg.det(deformation)[..., None, None])
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
@@ -148,6 +142,91 @@ class Material(ABC):
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in order."""
         return tuple(parameter.name for parameter in self.parameters)
+
+
+class VolumetricMaterial(Material):
+    r"""A law whose answer to volume can be taken apart from its answer to shear.
+
+    .. math:: \Psi = \Psi_s(F) + \tfrac{a}{2} \theta(F)^2
+
+    with a measure :math:`\theta` of the change of volume, zero at rest, and the bulk coefficient a. Elements
+    that take part of a on their mean volume (Element.mean_volume) do not lock however large it is; what then
+    stands at a point is the pressure :math:`p = a_p \theta + (a - a_p) \bar\theta`.
+    """
+
+    @abstractmethod
+    def bulk(self, p: Array) -> Array:
+        """The coefficient a in [Pa], shape (...)."""
+
+    @abstractmethod
+    def point_bulk(self, p: Array) -> Array:
+        """The part a_p of it in [Pa] that stays at each point: that of lambda = mu, at most a."""
+
+    @abstractmethod
+    def dilatation(self, deformation: Array) -> Array:
+        """Theta, shape (...)."""
+
+    @abstractmethod
+    def dilatation_slope(self, deformation: Array) -> Array:
+        """D theta / dF, shape (..., 3, 3)."""
+
+    @abstractmethod
+    def shear_energy(self, deformation: Array, p: Array) -> Array:
+        """Psi_s in [J/m^3], shape (...)."""
+
+    @abstractmethod
+    def shear_stress(self, deformation: Array, p: Array) -> Array:
+        """D Psi_s / dF in [Pa], shape (..., 3, 3)."""
+
+    @abstractmethod
+    def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
+        """D^2 Psi_s + bulk theta' theta' + pressure theta'' in [Pa], shape (..., 3, 3, 3, 3).
+
+        Args:
+            deformation: See the module.
+            p: See the module.
+            bulk: The part of a that stands at the point in [Pa], shape (...).
+            pressure: The pressure that holds there in [Pa], shape (...).
+        """
+
+    def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
+        """As `tangent_at`, without negative eigenvalues; see `positive_tangent`."""
+        return clamped(self.tangent_at(deformation, p, bulk, pressure))
+
+    def energy(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        volumetric = 0.5 * self.bulk(p) * self.dilatation(deformation) ** 2
+        return np.asarray(self.shear_energy(deformation, p) + volumetric)
+
+    def stress(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        pressure = self.bulk(p) * self.dilatation(deformation)
+        slope = self.dilatation_slope(deformation)
+        return np.asarray(self.shear_stress(deformation, p) + pressure[..., None, None] * slope)
+
+    def tangent(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        bulk = self.bulk(p)
+        return self.tangent_at(deformation, p, bulk, bulk * self.dilatation(deformation))
+
+    def positive_tangent(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        bulk = self.bulk(p)
+        return self.positive_tangent_at(deformation, p, bulk, bulk * self.dilatation(deformation))
+
+
+def clamped(tangent: Array) -> Array:
+    """Symmetric tangents (..., 3, 3, 3, 3) with their negative eigenvalues set to zero.
+
+    Raises:
+        FactorisationError: one is not finite.
+    """
+    matrix = tangent.reshape(*tangent.shape[:-4], 9, 9)
+    if not np.isfinite(matrix).all():
+        raise FactorisationError("the deformation of an element is not finite")
+    values, vectors = np.linalg.eigh(0.5 * (matrix + np.swapaxes(matrix, -1, -2)))
+    positive = (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.asarray(positive.reshape(tangent.shape))
 
 
 def von_mises(stress: Array) -> Array:

@@ -12,18 +12,15 @@ Source: Smith, de Goes, Kim 2018, Stable neo-Hookean flesh simulation, for W of 
 
 from __future__ import annotations
 
-import copy
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.fem.materials.cofactors import cofactor, cofactor_slope
-from softsim_core.fem.materials.material import Material, Refusal
-
-R = TypeVar("R", bound="Rubber")
+from softsim_core.fem.materials.material import Refusal, VolumetricMaterial
 
 
 class RestModuli(NamedTuple):
@@ -42,10 +39,8 @@ class RestModuli(NamedTuple):
     cross: Array
 
 
-class Rubber(Material):
-    """See the module; a new law gives `rest_moduli` and the energy, stress and tangent of W."""
-
-    _other_bulk: Array | None = None
+class Rubber(VolumetricMaterial):
+    """See the module, theta = J - 1; a new law gives `rest_moduli` and energy, stress and tangent of W."""
 
     @abstractmethod
     def rest_moduli(self, p: Array) -> RestModuli:
@@ -64,45 +59,39 @@ class Rubber(Material):
         """D2W/dF2 in [Pa], shape (..., 3, 3, 3, 3)."""
 
     def bulk(self, p: Array) -> Array:
-        """The coefficient a of (J - 1)^2 / 2 in [Pa], shape (...)."""
-        if self._other_bulk is not None:
-            return self._other_bulk
+        """See VolumetricMaterial."""
         return rest_bulk(self.rest_moduli(p))
 
-    def with_bulk(self: R, bulk: Array) -> R:
-        """The same law with another a in [Pa], which broadcasts with (...); W and s stay as they are.
+    def point_bulk(self, p: Array) -> Array:
+        """See VolumetricMaterial."""
+        at_rest = self.rest_moduli(p)
+        return rest_bulk(at_rest._replace(first_lame=np.minimum(at_rest.first_lame, at_rest.shear)))
 
-        So an element can take a part of the volume's resistance at its points, and the rest elsewhere.
-        """
-        changed = copy.copy(self)
-        changed._other_bulk = np.asarray(bulk, dtype=float)
-        return changed
+    def dilatation(self, deformation: Array) -> Array:
+        """See VolumetricMaterial."""
+        return np.asarray(np.linalg.det(deformation) - 1.0)
 
-    def shear(self, p: Array) -> Array:
-        """Shear modulus at rest in [Pa], shape (...)."""
-        return self.rest_moduli(p).shear
+    def dilatation_slope(self, deformation: Array) -> Array:
+        """See VolumetricMaterial."""
+        return cofactor(deformation)
 
-    def energy(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
-        change = np.linalg.det(deformation) - 1.0
-        slope = self.rest_moduli(p).slope
-        volume = (0.5 * self.bulk(p) * change - slope) * change
-        return np.asarray(self.stretching_energy(deformation, p) + volume)
+    def shear_energy(self, deformation: Array, p: Array) -> Array:
+        """W - s (J - 1); see VolumetricMaterial."""
+        volume = self.rest_moduli(p).slope * self.dilatation(deformation)
+        return np.asarray(self.stretching_energy(deformation, p) - volume)
 
-    def stress(self, deformation: Array, p: Array) -> Array:
-        """DW/dF + (a (J - 1) - s) cof F; see Material."""
-        stretching = self.stretching_stress(deformation, p)
-        return np.asarray(
-            stretching + self._pressure(deformation, p)[..., None, None] * cofactor(deformation)
-        )
+    def shear_stress(self, deformation: Array, p: Array) -> Array:
+        """DW/dF - s cof F; see VolumetricMaterial."""
+        slope = self.rest_moduli(p).slope[..., None, None]
+        return np.asarray(self.stretching_stress(deformation, p) - slope * cofactor(deformation))
 
-    def tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
-        sides, bulk = cofactor(deformation), self.bulk(p)[..., None, None, None, None]
-        pressure = self._pressure(deformation, p)[..., None, None, None, None]
+    def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
+        """See VolumetricMaterial."""
+        sides, tension = cofactor(deformation), pressure - self.rest_moduli(p).slope
         result = self.stretching_tangent(deformation, p)
-        result = result + bulk * np.einsum("...ij,...kl->...ijkl", sides, sides)
-        return np.asarray(result + pressure * cofactor_slope(deformation))
+        across = np.einsum("...ij,...kl->...ijkl", sides, sides)
+        result = result + bulk[..., None, None, None, None] * across
+        return np.asarray(result + tension[..., None, None, None, None] * cofactor_slope(deformation))
 
     def volume_refusal(self, values: Mapping[str, float]) -> Refusal | None:
         """Refuses a Poisson ratio with which a is not > 0: volume would not be resisted far from rest."""
@@ -112,9 +101,6 @@ class Rubber(Material):
         excess = float(moduli.cross - moduli.slope)
         least = excess / (2.0 * (float(moduli.shear) + excess))
         return Refusal("poisson_ratio", f"> {least:.4g} with these constants, or its volume is not kept")
-
-    def _pressure(self, deformation: Array, p: Array) -> Array:
-        return np.asarray(self.bulk(p) * (np.linalg.det(deformation) - 1.0) - self.rest_moduli(p).slope)
 
 
 def rest_bulk(at_rest: RestModuli) -> Array:

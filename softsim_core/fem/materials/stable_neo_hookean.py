@@ -15,22 +15,22 @@ from __future__ import annotations
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.fem.materials.first_invariant import FirstInvariantRubber, Slopes
+from softsim_core.fem.materials.first_invariant import SeriesRubber
 from softsim_core.fem.materials.isotropic import HOOKE, lame
 
 
-class StableNeoHookean(FirstInvariantRubber):
+class StableNeoHookean(SeriesRubber):
     """See the module."""
 
     name = "stable_neo_hookean"
     parameters = HOOKE
 
-    def psi(self, t: Array, p: Array) -> Slopes:
-        """See FirstInvariantRubber."""
+    def series(self, p: Array) -> Array:
+        """See SeriesRubber."""
         half = 2.0 / 3.0 * lame(p)[1]
-        over = 1.0 / (t + 4.0)
-        return Slopes(half * (t - np.log1p(0.25 * t)), half * (1.0 - over), half * over**2)
+        nothing = np.zeros_like(half)
+        return np.stack([half, nothing, nothing, half], axis=-1)
 
     def first_lame(self, p: Array) -> Array:
-        """See FirstInvariantRubber."""
+        """See SeriesRubber."""
         return lame(p)[0]

@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import sqrt
 
+import numpy as np
+
 from softsim_core.arrays import Array
-from softsim_core.fem.materials.first_invariant import FirstInvariantRubber, Slopes
+from softsim_core.fem.materials.first_invariant import SeriesRubber
 from softsim_core.fem.materials.isotropic import POISSON_RATIO, STIFFNESS_FACTOR, first_lame
 from softsim_core.fem.materials.material import MaterialParameter, Refusal
 
 
-class Yeoh(FirstInvariantRubber):
+class Yeoh(SeriesRubber):
     """See the module; with C2 = C3 = 0 neo-Hookean."""
 
     name = "yeoh"
@@ -28,14 +30,12 @@ class Yeoh(FirstInvariantRubber):
         STIFFNESS_FACTOR,
     )
 
-    def psi(self, t: Array, p: Array) -> Slopes:
-        """See FirstInvariantRubber."""
-        c1, c2, c3 = (p[..., 4] * p[..., k] for k in range(3))
-        value = t * (c1 + t * (c2 + t * c3))
-        return Slopes(value, c1 + t * (2.0 * c2 + 3.0 * t * c3), 2.0 * c2 + 6.0 * t * c3 + 0.0 * c1)
+    def series(self, p: Array) -> Array:
+        """See SeriesRubber."""
+        return np.asarray(np.concatenate([p[..., :3], np.zeros_like(p[..., :1])], axis=-1) * p[..., 4:5])
 
     def first_lame(self, p: Array) -> Array:
-        """See FirstInvariantRubber."""
+        """See SeriesRubber."""
         return first_lame(2.0 * p[..., 4] * p[..., 0], p[..., 3])
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
