@@ -140,9 +140,9 @@ def best_move(
     separator: IndexArray, beside: IndexArray, sizes: IndexArray, moved: BoolArray, largest: float
 ) -> tuple[int, int]:
     """Place in the separator, and side, of the node whose move makes it smallest; -1: none may move."""
-    best, found, to = np.int64(1) << 40, np.int64(-1), np.int64(0)
+    best, found, to = 1 << 40, -1, 0
     for goal in range(2):
-        room, uneven = sizes[goal] + 1 <= largest, np.int64(sizes[goal] > sizes[1 - goal])
+        room, uneven = sizes[goal] + 1 <= largest, 1 if sizes[goal] > sizes[1 - goal] else 0
         for i in range(sizes[SEPARATOR]):
             coming = beside[separator[i], 1 - goal]
             cost = 2 * coming + uneven
@@ -217,7 +217,7 @@ def part_in_two(
             orders[k] = sorted_by(measure, nodes)
             size[k] = cut(starts, neighbours, orders[k], side)
             k += 1
-    smallest, best = np.int64(len(nodes) + 1), np.empty(len(nodes), np.int64)
+    smallest, best = len(nodes) + 1, np.empty(len(nodes), np.int64)
     tried = np.argsort(size, kind="mergesort")[:IMPROVED]
     for k in tried:
         cut(starts, neighbours, orders[k], side)
@@ -289,7 +289,7 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
     inside, moved, queue = np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.empty(count, np.int64)
     side, place = np.full(count, OUTSIDE, np.int64), np.full(count, -1, np.int64)
     beside = np.zeros((count, 4), np.int64)
-    stack = [(np.int64(0), np.int64(count))]
+    stack = [(0, count)]
     while len(stack):
         low, high = stack.pop()
         part = nodes[low:high].copy()

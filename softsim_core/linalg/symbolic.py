@@ -142,7 +142,7 @@ def panel_columns(
             own = row_index[first_row[s] : first_row[s + 1]]
             found = np.searchsorted(own, unknowns[i])
             there = found < len(own) and own[found] == unknowns[i]
-            place = later[s] + found if there else np.int64(-1)
+            place = later[s] + found if there else -1
         result[i] = place
     return result
 
@@ -329,7 +329,7 @@ def runs_of(
     size = len(columns)
     first_run, runs, height = np.zeros(size + 1, np.int64), np.empty((len(row_index) + size, 3), np.int64), 0
     for s in range(size):
-        p, start, before = parent[s], 0, np.int64(-2)
+        p, start, before = parent[s], 0, -2
         at = first_row[p] if p >= 0 else 0
         length = first_row[s + 1] - first_row[s]
         for i in range(length + 1):
