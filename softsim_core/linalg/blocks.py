@@ -9,8 +9,6 @@ Source: Goto and van de Geijn 2008, Anatomy of high-performance matrix multiplic
 
 from __future__ import annotations
 
-import numpy as np
-
 from softsim_core.arrays import Array
 from softsim_core.linalg.compile import kernel
 from softsim_core.linalg.simd import LANES, ROWS, tile_one, tile_two
@@ -48,14 +46,9 @@ def subtract_strips(
 ) -> None:  # fmt: skip
     """target[i, j] -= the product of columns first + i and j of strips, over the `count` rows they hold.
 
-    Args:
-        target, place, stride: Rows of `length` numbers, the first at `place`.
-        rows: How many of them, rounded up to a multiple of ROWS.
-        strips, left, right: Where the strips begin that hold the columns of i, and those of j.
-        first: Column in its strips of i = 0, a multiple of ROWS.
-        length: Columns j.
-        count: Rows of the strips.
-        upper: Whether i and j count alike, and only j >= i is wanted.
+    The target has rows i < `rows` of `length` numbers from `place` on; `rows` is rounded up to a multiple of
+    ROWS. The strips with the columns of i begin at `left`, those with the columns of j at `right`. With
+    `upper`, i and j count alike, and only j >= i is wanted.
     """
     group = 0
     while group < rows:

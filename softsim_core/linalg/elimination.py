@@ -1,6 +1,7 @@
 """What eliminating the nodes of a graph in some order costs: elimination tree and column counts.
 
-A graph is given by `starts` (n + 1,) and `neighbours`: those of node i are neighbours[starts[i]:starts[i + 1]].
+A graph is given by `starts` (n + 1,) and `neighbours`: those of node i stand from starts[i] up to
+starts[i + 1].
 
 Source: Liu 1990, The role of elimination trees in sparse factorization.
 """

@@ -273,12 +273,8 @@ def row_unknowns(
 ) -> IndexArray:  # fmt: skip
     """Plan.row_index: rows of the nodes eliminated in each supernode, and those its children hand up.
 
-    Args:
-        starts, neighbours: The graph.
-        nodes: Nodes in elimination order, shape (f,).
-        position: Its inverse.
-        border: Border unknowns of each supernode, shape (s, b).
-        columns, parent, first_row: See Plan.
+    `nodes` (f,) of the graph in elimination order, `position` its inverse, and the `border` unknowns of each
+    supernode (s, b).
     """
     count, size = len(nodes), len(columns)
     result, seen = np.empty(first_row[-1], np.int64), np.full(count, -1, np.int64)
@@ -329,7 +325,7 @@ def runs_of(
     size = len(columns)
     first_run, runs, height = np.zeros(size + 1, np.int64), np.empty((len(row_index) + size, 3), np.int64), 0
     for s in range(size):
-        p, start, before = parent[s], 0, -2
+        p, before = parent[s], -2
         at = first_row[p] if p >= 0 else 0
         length = first_row[s + 1] - first_row[s]
         for i in range(length + 1):
