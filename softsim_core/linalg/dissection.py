@@ -198,7 +198,7 @@ def improve(
             change_side(starts, neighbours, log[i, 0], log[i, 1], side, sizes, beside)
         if smallest == before:
             break
-    return sizes[SEPARATOR]
+    return int(sizes[SEPARATOR])
 
 
 @kernel
