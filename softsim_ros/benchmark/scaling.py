@@ -67,7 +67,7 @@ class Scale:
         nodes, elements: Of the mesh.
         plan_s: Processor time in [s] of planning the elimination of its free nodes.
         step_ms: Shortest processor time of a step in [ms].
-        factor_ms: The factorisation's share of that in [ms], the shortest.
+        factor_ms: The factorisation's share of that in [ms], by the median of its shares.
         splu_ms: Shortest processor time of SuperLU on the matrix of the step in [ms]; None: not measured.
         factor_entries: Numbers in the factor.
         flops: Multiplications and additions of the factorisation.
@@ -116,13 +116,13 @@ def measure_scale(shape: str, size: str) -> Scale:
     for _ in range(LEAD_IN_STEPS):
         simulation.step()
     steps: list[float] = []
-    factors: list[float] = []
+    shares: list[float] = []
     while len(steps) < MOST_STEPS and sum(steps) < 1e3 * ENOUGH_S:
         started = process_time()
         simulation.step()
         steps.append(1e3 * (process_time() - started))
         stages = simulation.stage_times
-        factors.append(steps[-1] * stages["factor"] / stages["step"])
+        shares.append(stages["factor"] / stages["step"])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
     plan_s, entries, flops = planned(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
@@ -133,7 +133,7 @@ def measure_scale(shape: str, size: str) -> Scale:
         len(simulation.tets),
         plan_s,
         min(steps),
-        min(factors),
+        min(steps) * float(np.median(shares)),
         min(splu, default=None),
         entries,
         flops,
