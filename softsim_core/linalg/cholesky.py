@@ -11,6 +11,7 @@ from math import sqrt
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.linalg.blocks import BLOCK, FITS, strips_length, subtract_block
 from softsim_core.linalg.compile import kernel
 from softsim_core.linalg.layout import Factor, Tree
 from softsim_core.linalg.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
@@ -88,11 +89,21 @@ def add_update(
 
 
 @kernel
+def widest(tree: Tree) -> int:
+    """Width of the widest panel that is factored in blocks; 0: none is."""
+    result = 0
+    for s in range(len(tree.columns)):
+        if tree.panel[s + 1] - tree.panel[s] > FITS:
+            result = max(result, tree.width[s])
+    return result
+
+
+@kernel
 def factor(tree: Tree, store: Factor) -> None:
     """Factor all panels and solve forward; those of the dense unknowns end in store.schur."""
     panels, stack = store.panels, store.stack
     size = len(tree.columns)
-    coefficients = np.zeros(ROWS * ROWS)
+    coefficients, strips = np.zeros(ROWS * ROWS), np.empty(strips_length(widest(tree)))
     for s in range(size):
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
         pitch, top, side = width - later, tree.update[s], tree.side[s]
@@ -103,11 +114,18 @@ def factor(tree: Tree, store: Factor) -> None:
         rows = own + (-own) % ROWS
         for i in range(own, rows):  # padding rows are those of the identity
             panels[begin + i * width + i] = 1.0
-        for i in range(0, rows, ROWS):
-            subtract_products(panels, begin, width, i, panels, begin, width, i, width)
-            factor_rows(panels, begin, width, i, coefficients)
-        for i in range(0, side - 1, ROWS):
-            subtract_products(stack, top, pitch, i, panels, begin + later, width, rows, pitch)
+        fits = rows * width <= FITS
+        block = rows if fits else BLOCK
+        for low in range(0, rows, block):
+            high = min(rows, low + block)
+            for i in range(low, high, ROWS):
+                subtract_products(panels, begin, width, i, panels, begin + low * width, width, i - low, width)
+                factor_rows(panels, begin, width, i, coefficients)
+            if not fits:
+                subtract_block(panels, begin, width, low, high, rows, later, side - 1, stack, top, strips)
+        if fits:
+            for i in range(0, side - 1, ROWS):
+                subtract_products(stack, top, pitch, i, panels, begin + later, width, rows, pitch)
     border, pitch = store.schur.reshape(-1), store.schur.shape[1]
     for c in range(tree.first_child[size], tree.first_child[size + 1]):
         add_update(tree, tree.children[c], stack, 0, 0, 0, panels, 0, border, 0, pitch)

@@ -11,7 +11,7 @@ from softsim_core.linalg.symbolic import Plan
 
 
 class Tree(NamedTuple):
-    """The plan of symbolic.Plan; first scalar unknown of each supernode, and the one above it or -1, (s,)."""
+    """See symbolic.Plan."""
 
     columns: IndexArray
     later: IndexArray
@@ -48,12 +48,7 @@ class Factor(NamedTuple):
 
 def tree_of(plan: Plan) -> Tree:
     """The arrays of a plan for the kernels."""
-    arrays = {name: getattr(plan, name) for name in Tree._fields[:-2]}
-    first_column = np.concatenate([np.zeros(1, np.int64), np.cumsum(plan.columns)])[: len(plan.columns)]
-    parent = np.full(len(plan.columns), -1, dtype=np.int64)
-    for s in range(len(parent)):
-        parent[plan.children[plan.first_child[s] : plan.first_child[s + 1]]] = s
-    return Tree(**arrays, first_column=first_column, parent=parent)
+    return Tree(**{name: getattr(plan, name) for name in Tree._fields})
 
 
 def empty_factor(plan: Plan, dense: int) -> Factor:

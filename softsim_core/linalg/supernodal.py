@@ -78,23 +78,11 @@ class SupernodalPlan:
         self, layout: Any, rows: IndexArray, columns: IndexArray, stride: IndexArray
     ) -> tuple[_Slots, IndexArray]:
         """Slots of the entries, and the panel place of the diagonal of each sparse unknown, pads included."""
-        total = len(self.place)
-        keys = np.concatenate(
-            [np.zeros(0, np.int64)]
-            + [s * total + np.fromiter(each, np.int64, len(each)) for s, each in enumerate(layout.column_of)]
-        )
-        values = np.concatenate(
-            [np.zeros(0, np.int64)]
-            + [np.fromiter(each.values(), np.int64, len(each)) for each in layout.column_of]
-        )
-        order = np.argsort(keys)
-        keys, values = keys[order], values[order]
 
         def panel_place(first: IndexArray, later: IndexArray) -> IndexArray:
             block, axis = np.divmod(first, 3)
-            key = layout.supernode[block] * total + self.place[later]
-            line = layout.row_offset[block] + axis * stride[block]
-            return np.asarray(line + values[np.searchsorted(keys, key)])
+            column = layout.panel_columns(layout.supernode[block], self.place[later])
+            return np.asarray(layout.row_offset[block] + axis * stride[block] + column)
 
         tail = 3 * self.count - self.sparse
         a, b = rows + tail * (rows >= self.sparse), columns + tail * (columns >= self.sparse)

@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
-from softsim_core.arrays import IndexArray
+from softsim_core.arrays import BoolArray, IndexArray
+from softsim_core.linalg.compile import kernel
+from softsim_core.linalg.elimination import column_counts, elimination_tree, graph_of, postordered
+from softsim_core.linalg.ordering import elimination_order
 
 RELAXATION = ((24, 0.6), (48, 0.4), (96, 0.25), (1 << 30, 0.08))
 """Merge supernodes while the merged one has at most so many columns, and this share of zeros."""
@@ -29,22 +30,16 @@ class Supernode:
     """Columns eliminated together.
 
     Attributes:
-        columns: Free nodes eliminated here, in elimination order (numbers of the input graph).
-        rows: Later free nodes coupled to them.
-        border: Border unknowns coupled to them.
+        columns: Free nodes eliminated here, by place in the elimination order.
+        coupled: Scalars eliminated later, border included, that they are coupled to.
         children: Supernodes whose update goes here.
         zeros: Explicit zeros accepted so far by relaxation, in scalars.
     """
 
     columns: list[int]
-    rows: set[int]
-    border: set[int]
+    coupled: int
     children: list[int] = field(default_factory=list)
     zeros: int = 0
-
-    def size(self) -> tuple[int, int]:
-        """Scalars eliminated here, and scalars they are coupled to."""
-        return 3 * len(self.columns), 3 * len(self.rows) + len(self.border)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +49,8 @@ class Plan:
     Attributes:
         position: Elimination position of each free node, shape (f,).
         columns: Scalars eliminated by each supernode, shape (s,).
+        first_column: First scalar unknown of each supernode, shape (s,).
+        parent: The supernode above each, or -1, shape (s,).
         later: Panel column at which the later unknowns start, shape (s,).
         side: Later unknowns of each supernode, border and right-hand side included, shape (s,).
         width: Panel row length, padded, shape (s,); updates have rows of width - later.
@@ -68,12 +65,12 @@ class Plan:
         row_index: Scalar unknowns (3 position + axis; 3 f + border) of the panel columns after the own ones.
         supernode: Supernode of each free node, shape (f,).
         row_offset: Offset in the panel store of the first of a free node's three panel rows, shape (f,).
-        column_of: For each supernode, the panel column of each later scalar unknown (dictionary), border
-            included.
     """
 
     position: IndexArray
     columns: IndexArray
+    first_column: IndexArray
+    parent: IndexArray
     later: IndexArray
     side: IndexArray
     width: IndexArray
@@ -88,21 +85,12 @@ class Plan:
     row_index: IndexArray
     supernode: IndexArray
     row_offset: IndexArray
-    column_of: list[dict[int, int]]
 
-
-def minimum_degree(count: int, edges: IndexArray) -> IndexArray:
-    """Elimination position of each of `count` nodes of the graph with `edges` (e, 2)."""
-    if count == 0:
-        return np.zeros(0, dtype=np.int64)
-    ones = np.ones(len(edges))
-    graph = sp.coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsc()
-    graph = graph + graph.T
-    graph.data[:] = -1.0
-    dominant = graph + sp.diags(np.asarray(-graph.sum(axis=1)).ravel() + 1.0)
-    options = {"SymmetricMode": True}
-    factors = splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return np.asarray(factors.perm_c, dtype=np.int64)
+    def panel_columns(self, supernodes: IndexArray, unknowns: IndexArray) -> IndexArray:
+        """Panel column of each scalar unknown (k,) in the supernode beside it (k,), -1 where absent."""
+        return panel_columns(
+            self.columns, self.first_column, self.later, self.first_row, self.row_index, supernodes, unknowns
+        )
 
 
 def plan(
@@ -118,68 +106,84 @@ def plan(
         lanes: Rows are padded to a multiple of it.
         tile_rows: The number of rows is padded to a multiple of it.
     """
-    order = minimum_degree(count, edges)
-    supernodes, root_children = _amalgamate(*_fundamental(count, edges, border_edges, order), order)
-    return _lay_out(count, supernodes, root_children, border_size, lanes, tile_rows)
+    graph = graph_of(count, edges)
+    order = elimination_order(graph)
+    order = order[postordered(elimination_tree(*graph, order))]
+    tree = elimination_tree(*graph, order)
+    border = np.zeros((count, border_size), dtype=np.bool_)
+    border[border_edges[:, 0], border_edges[:, 1]] = True
+    border = border[order]
+    inherit(tree, border)
+    counts = column_counts(*graph, order, tree)
+    supernodes, roots = _amalgamate(*_fundamental(tree, counts, border.sum(axis=1)))
+    return _lay_out(graph, order, border, supernodes, roots, (lanes, tile_rows))
+
+
+@kernel
+def inherit(parent: IndexArray, border: BoolArray) -> None:
+    """What a position is coupled to of the border (n, b), its parent is coupled to as well."""
+    for j in range(len(parent)):
+        if parent[j] >= 0:
+            for b in range(border.shape[1]):
+                border[parent[j], b] |= border[j, b]
+
+
+@kernel
+def panel_columns(
+    columns: IndexArray, first_column: IndexArray, later: IndexArray, first_row: IndexArray,
+    row_index: IndexArray, supernodes: IndexArray, unknowns: IndexArray,
+) -> IndexArray:  # fmt: skip
+    """See Plan.panel_columns."""
+    result = np.empty(len(unknowns), np.int64)
+    for i in range(len(unknowns)):
+        s = supernodes[i]
+        place = unknowns[i] - first_column[s]
+        if place >= columns[s] or place < 0:
+            own = row_index[first_row[s] : first_row[s + 1]]
+            found = np.searchsorted(own, unknowns[i])
+            there = found < len(own) and own[found] == unknowns[i]
+            place = later[s] + found if there else -1
+        result[i] = place
+    return result
 
 
 def _fundamental(
-    count: int, edges: IndexArray, border_edges: IndexArray, order: IndexArray
+    parent: IndexArray, counts: IndexArray, border: IndexArray
 ) -> tuple[list[Supernode], list[int]]:
-    """Fundamental supernodes and the parent of each (-1 for roots)."""
-    inverse = np.empty(count, dtype=np.int64)
-    inverse[order] = np.arange(count)
-    later: list[set[int]] = [set() for _ in range(count)]  # by position: later positions coupled to it
-    for a, b in order[edges].tolist():
-        if a != b:
-            later[min(a, b)].add(max(a, b))
-    border: list[set[int]] = [set() for _ in range(count)]
-    for node, unknown in border_edges.tolist():
-        border[order[node]].add(unknown)
-    parent = [-1] * count
-    children = [0] * count
-    for j in range(count):
-        if later[j]:
-            parent[j] = p = min(later[j])
-            later[p] |= later[j] - {p}
-            border[p] |= border[j]
-            children[p] += 1
-    supernodes: list[Supernode] = []
-    parents: list[int] = []
-    owner = [-1] * count
-    for j in range(count):
-        previous = owner[j - 1] if j > 0 and parent[j - 1] == j and children[j] == 1 else -1
-        same = (
-            previous >= 0 and len(later[j - 1]) == len(later[j]) + 1 and len(border[j - 1]) == len(border[j])
+    """Fundamental supernodes and the parent of each (-1 for roots), of positions in postorder."""
+    children = np.bincount(parent[parent >= 0], minlength=len(parent))
+    follows = np.zeros(len(parent), dtype=bool)
+    if len(parent):
+        follows[1:] = (
+            (parent[:-1] == np.arange(1, len(parent)))
+            & (children[1:] == 1)
+            & (counts[:-1] == counts[1:] + 1)
+            & (border[:-1] == border[1:])
         )
-        if same:
-            owner[j] = previous
-            supernodes[previous].columns.append(int(inverse[j]))
-            supernodes[previous].rows = later[j]
-        else:
-            owner[j] = len(supernodes)
-            supernodes.append(Supernode([int(inverse[j])], later[j], border[j]))
-            parents.append(-1)
-        parents[owner[j]] = parent[j]
+    first = np.flatnonzero(~follows)
+    last = np.append(first[1:], len(parent))[: len(first)] - 1
+    owner = np.append(np.cumsum(~follows) - 1, -1)  # a parent of -1 has the owner -1
+    parents = owner[parent[last]].tolist()
+    coupled = (3 * counts + border)[last].tolist()
+    supernodes = [
+        Supernode(list(range(low, high + 1)), size)
+        for low, high, size in zip(first.tolist(), last.tolist(), coupled, strict=True)
+    ]
     for s, p in enumerate(parents):
-        supernodes[s].rows = {int(inverse[row]) for row in supernodes[s].rows}
-        parents[s] = owner[p] if p >= 0 else -1
-        if parents[s] >= 0:
-            supernodes[parents[s]].children.append(s)
+        if p >= 0:
+            supernodes[p].children.append(s)
     return supernodes, parents
 
 
-def _amalgamate(
-    supernodes: list[Supernode], parents: list[int], order: IndexArray
-) -> tuple[list[Supernode], list[int]]:
+def _amalgamate(supernodes: list[Supernode], parents: list[int]) -> tuple[list[Supernode], list[int]]:
     """Merge children into parents where the zeros that costs are few; the roots' indices come second."""
     for parent in supernodes:  # children come before their parents
         for c in sorted(parent.children, key=lambda child: -len(supernodes[child].columns)):
             child = supernodes[c]
-            (own, coupled), (own_parent, coupled_parent) = child.size(), parent.size()
-            zeros = child.zeros + parent.zeros + own * (own_parent + coupled_parent - coupled)
+            own, own_parent = 3 * len(child.columns), 3 * len(parent.columns)
+            zeros = child.zeros + parent.zeros + own * (own_parent + parent.coupled - child.coupled)
             merged = own + own_parent
-            total = merged * (merged + 1) // 2 + merged * coupled_parent
+            total = merged * (merged + 1) // 2 + merged * parent.coupled
             share = next(share for limit, share in RELAXATION if merged <= limit)
             if zeros <= share * total:
                 parent.columns = child.columns + parent.columns
@@ -188,8 +192,8 @@ def _amalgamate(
                 parent.zeros = zeros
                 child.columns = []
     for parent in supernodes:
-        parent.columns.sort(key=lambda node: order[node])
-    return supernodes, [s for s, node in enumerate(supernodes) if parents[s] < 0]
+        parent.columns.sort()
+    return supernodes, [s for s, _ in enumerate(supernodes) if parents[s] < 0]
 
 
 def _postorder(supernodes: list[Supernode], roots: list[int]) -> list[int]:
@@ -199,86 +203,152 @@ def _postorder(supernodes: list[Supernode], roots: list[int]) -> list[int]:
     while stack:
         s = stack.pop()
         result.append(s)
-        stack.extend(sorted(supernodes[s].children, key=lambda child: -supernodes[child].size()[1]))
+        stack.extend(sorted(supernodes[s].children, key=lambda child: -supernodes[child].coupled))
     return result[::-1]
 
 
 def _lay_out(
-    count: int, supernodes: list[Supernode], roots: list[int], border_size: int, lanes: int, tile_rows: int
+    graph: tuple[IndexArray, IndexArray],
+    order: IndexArray,
+    border: BoolArray,
+    supernodes: list[Supernode],
+    roots: list[int],
+    padding: tuple[int, int],
 ) -> Plan:
     """Number everything and compute offsets, relative positions and the stack."""
+    lanes, tile_rows = padding
     sequence = _postorder(supernodes, roots)
     number = {s: index for index, s in enumerate(sequence)}
-    position = np.empty(count, dtype=np.int64)
-    placed = 0
-    for s in sequence:
-        for column in supernodes[s].columns:
-            position[column] = placed
-            placed += 1
-    size = len(sequence)
-    columns, later_start, side, width = (np.zeros(size, np.int64) for _ in range(4))
-    panel, update = np.zeros(size + 1, np.int64), np.zeros(size, np.int64)
-    supernode, row_offset = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    unknowns: list[list[int]] = []  # scalar unknowns of each panel's columns, in order
-    for index, s in enumerate(sequence):
-        node = supernodes[s]
-        later = sorted(int(position[row]) for row in node.rows)
-        own = [int(position[column]) for column in node.columns]
-        scalars = [3 * p + i for p in own + later for i in range(3)] + [
-            3 * count + k for k in sorted(node.border)
-        ]
-        unknowns.append(scalars)
-        columns[index], side[index] = 3 * len(own), len(scalars) - 3 * len(own) + 1
-        later_start[index] = _padded(columns[index], lanes)
-        width[index] = later_start[index] + _padded(side[index], lanes)
-        panel[index + 1] = panel[index] + _padded(columns[index], tile_rows) * width[index]
-        for local, column in enumerate(node.columns):
-            supernode[column] = index
-            row_offset[column] = panel[index] + 3 * local * width[index]
-    column_of = [
-        {unknown: place if place < own else place + start - own for place, unknown in enumerate(scalars)}
-        for scalars, own, start in zip(unknowns, columns.tolist(), later_start.tolist(), strict=True)
-    ]
-    border_columns = {3 * count + k: k for k in range(border_size)}
-
+    size, count = len(sequence), len(order)
     child_lists = [[number[c] for c in supernodes[s].children] for s in sequence] + [
         [number[r] for r in roots]
     ]
-    parent_of = {child: p for p, below in enumerate(child_lists) for child in below}
-    runs: list[tuple[int, int, int]] = []
-    first_run = [0]
-    for index in range(size):
-        p = parent_of[index]
-        places = border_columns if p == size else column_of[p]
-        target = [places[unknown] for unknown in unknowns[index][columns[index] :]]
-        target.append(border_size if p == size else int(later_start[p] + side[p]) - 1)  # the right-hand side
-        start = 0
-        for here in range(1, len(target) + 1):
-            if here == len(target) or target[here] != target[here - 1] + 1:
-                runs.append((start, target[start], here - start))
-                start = here
-        first_run.append(len(runs))
+    parent = np.full(size, -1, dtype=np.int64)
+    for p, below in enumerate(child_lists[:-1]):
+        parent[below] = p
+    columns = np.array([3 * len(supernodes[s].columns) for s in sequence], dtype=np.int64)
+    coupled = np.array([supernodes[s].coupled for s in sequence], dtype=np.int64)
+    placed = np.array([c for s in sequence for c in supernodes[s].columns], dtype=np.int64)
+    position = np.empty(count, dtype=np.int64)
+    position[order[placed]] = np.arange(count)
+    first_column = np.cumsum(columns) - columns
+    last = placed[(first_column + columns) // 3 - 1]
+    first_row = np.concatenate([[0], np.cumsum(coupled)])
+    row_index = row_unknowns(*graph, order[placed], position, border[last], columns, parent, first_row)
+    later, side = _padded(columns, lanes), coupled + 1
+    width = later + _padded(side, lanes)
+    panel = np.concatenate([[0], np.cumsum(_padded(columns, tile_rows) * width)])
+    supernode = np.repeat(np.arange(size), columns // 3)[position]
+    local = 3 * position - first_column[supernode]
+    update = np.zeros(size, dtype=np.int64)
+    first_run, runs = runs_of(
+        (columns, first_column, later, side), parent, first_row, row_index, 3 * count, border.shape[1]
+    )
     return Plan(
         position=position,
         columns=columns,
-        later=later_start,
+        first_column=first_column,
+        parent=parent,
+        later=later,
         side=side,
         width=width,
         panel=panel,
         update=update,
-        stack_size=_plan_stack(_padded(side, tile_rows) * (width - later_start), child_lists, update),
+        stack_size=_plan_stack(_padded(side, tile_rows) * (width - later), child_lists, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
-        first_run=np.array(first_run, dtype=np.int64),
-        runs=np.array(runs, dtype=np.int64).reshape(-1, 3),
-        first_row=np.cumsum([0] + [len(u) - int(c) for u, c in zip(unknowns, columns, strict=True)]),
-        row_index=np.array(
-            [k for u, c in zip(unknowns, columns, strict=True) for k in u[c:]], dtype=np.int64
-        ),
+        first_run=first_run,
+        runs=runs,
+        first_row=first_row,
+        row_index=row_index,
         supernode=supernode,
-        row_offset=row_offset,
-        column_of=column_of,
+        row_offset=panel[supernode] + local * width[supernode],
     )
+
+
+@kernel
+def row_unknowns(
+    starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, position: IndexArray, border: BoolArray,
+    columns: IndexArray, parent: IndexArray, first_row: IndexArray,
+) -> IndexArray:  # fmt: skip
+    """Plan.row_index: rows of the nodes eliminated in each supernode, and those its children hand up.
+
+    `nodes` (f,) of the graph in elimination order, `position` its inverse, and the `border` unknowns of each
+    supernode (s, b).
+    """
+    count, size = len(nodes), len(columns)
+    result, seen = np.empty(first_row[-1], np.int64), np.full(count, -1, np.int64)
+    child, following = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
+    found, first = np.empty(count, np.int64), 0
+    for s in range(size):
+        height, end = 0, first + columns[s] // 3
+        for k in range(first, end):
+            seen[k] = s
+        for k in range(first, end):
+            for e in range(starts[nodes[k]], starts[nodes[k] + 1]):
+                row = position[neighbours[e]]
+                if row >= end and seen[row] != s:
+                    seen[row], found[height] = s, row
+                    height += 1
+        c = child[s]
+        while c >= 0:
+            for i in range(first_row[c], first_row[c + 1], 3):
+                if result[i] >= 3 * count:
+                    break
+                row = result[i] // 3
+                if row >= end and seen[row] != s:
+                    seen[row], found[height] = s, row
+                    height += 1
+            c = following[c]
+        place = first_row[s]
+        for row in np.sort(found[:height]):
+            for axis in range(3):
+                result[place] = 3 * row + axis
+                place += 1
+        for b in range(border.shape[1]):
+            if border[s, b]:
+                result[place] = 3 * count + b
+                place += 1
+        if parent[s] >= 0:
+            following[s], child[parent[s]] = child[parent[s]], s
+        first = end
+    return result
+
+
+@kernel
+def runs_of(
+    panels: tuple[IndexArray, IndexArray, IndexArray, IndexArray], parent: IndexArray, first_row: IndexArray,
+    row_index: IndexArray, first_border: int, border: int,
+) -> tuple[IndexArray, IndexArray]:  # fmt: skip
+    """Plan.first_run and Plan.runs; `panels` are Plan.columns, first_column, later and side."""
+    columns, first_column, later, side = panels
+    size = len(columns)
+    first_run, runs, height = np.zeros(size + 1, np.int64), np.empty((len(row_index) + size, 3), np.int64), 0
+    for s in range(size):
+        p, before = parent[s], -2
+        at = first_row[p] if p >= 0 else 0
+        length = first_row[s + 1] - first_row[s]
+        for i in range(length + 1):
+            if i == length:  # the right-hand side
+                target = later[p] + side[p] - 1 if p >= 0 else border
+            else:
+                unknown = row_index[first_row[s] + i]
+                if p < 0:
+                    target = unknown - first_border
+                elif unknown < first_column[p] + columns[p]:
+                    target = unknown - first_column[p]
+                else:
+                    while row_index[at] < unknown:
+                        at += 1
+                    target = later[p] + at - first_row[p]
+            if target == before + 1:
+                runs[height - 1, 2] += 1
+            else:
+                runs[height, 0], runs[height, 1], runs[height, 2] = i, target, 1
+                height += 1
+            before = target
+        first_run[s + 1] = height
+    return first_run, runs[:height].copy()
 
 
 def _padded(length: Any, multiple: int) -> Any:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from softsim_ros.benchmark.touching import HELD_MS, LIMITS
 
@@ -107,7 +108,15 @@ def judge(records: Iterable[Record]) -> None:
             record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
 
 
-def write_json(records: Iterable[Record], file: Path) -> None:
+class Measured(Protocol):
+    """Something measured that has a JSON form."""
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        ...
+
+
+def write_json(records: Iterable[Measured], file: Path) -> None:
     """Write the records as a list of objects.
 
     Raises:

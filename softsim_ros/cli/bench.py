@@ -57,6 +57,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="measure only the servo bridge on a virtual board: topic to last byte, send period",
     )
     parser.add_argument(
+        "--scaling",
+        action="store_true",
+        help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k)",
+    )
+    parser.add_argument(
         "--viewer",
         action="store_true",
         help="measure only the web viewer: its load, and the step time with it",
@@ -76,6 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _bridge(arguments)
     if arguments.viewer:
         return _viewer(arguments)
+    if arguments.scaling:
+        return _scaling(arguments)
     from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
@@ -205,6 +212,41 @@ def _bridge(arguments: argparse.Namespace) -> int:
     for each in figures:
         print("\n".join(each.lines()))
     return 1 if arguments.check and any(each.late for each in figures) else 0
+
+
+def _scaling(arguments: argparse.Namespace) -> int:
+    """Measure meshes of growing size and print them; 1 where one could not be measured."""
+    from softsim_ros.benchmark.records import write_json
+    from softsim_ros.benchmark.scaling import (
+        QUICK_SIZES,
+        SIZES,
+        ScalingError,
+        measure_scaling,
+        scaling_table,
+    )
+    from softsim_ros.benchmark.steps import known_paths
+
+    if "numba" not in known_paths():
+        return _refuse("--scaling needs the package numba: pip install numba")
+    print("\n".join(describe_machine()))
+    scales = []
+    try:
+        for each in measure_scaling(QUICK_SIZES if arguments.quick else SIZES):
+            _say(f"measured {each.shape} {each.size}: {each.step_ms:.1f} ms a step")
+            scales.append(each)
+        if arguments.json:
+            write_json(scales, arguments.json)
+    except ScalingError as error:
+        _say(f"softsim bench: {error}")
+        return 1
+    except OSError as error:
+        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+        return 1
+    print(
+        "whole steps of a held body that falls, processor time of one thread, shortest; plan: symbolic only"
+    )
+    print("\n".join(scaling_table(scales)))
+    return 0
 
 
 def _viewer(arguments: argparse.Namespace) -> int:

@@ -146,17 +146,18 @@ def _elements(
     gradients = np.take_along_axis(group.gradients[:, 0], inside[:, :, None], axis=1)
     counts = np.stack([(regions == FREE).sum(axis=1), (regions >= 0).sum(axis=1)], axis=1)
     starts, strides = np.zeros((len(nodes), 18), dtype=np.int64), np.zeros((len(nodes), 4), dtype=np.int64)
-    for e in range(len(nodes)):
-        free = local[ordered[e, : counts[e, 0]]].tolist()
-        pair = 0
-        for a, node in enumerate(free):
-            s = layout.supernode[node]
-            strides[e, a] = layout.width[s]
-            starts[e, 10 + a], starts[e, 14 + a] = layout.row_offset[node], s
-            for other in free[a:]:
-                column = layout.column_of[s][3 * int(layout.position[other])]
-                starts[e, pair] = layout.row_offset[node] + column
-                pair += 1
+    node = local[ordered]  # -1 where it is not free; free ones come first
+    is_free = np.arange(4) < counts[:, :1]
+    starts[:, 10:14] = offset = np.where(is_free, np.append(layout.row_offset, 0)[node], 0)
+    starts[:, 14:] = supernode = np.where(is_free, np.append(layout.supernode, 0)[node], 0)
+    strides[is_free] = layout.width[supernode[is_free]]
+    for a in range(4):
+        for b in range(a, 4):
+            there = np.flatnonzero(is_free[:, b])
+            pair = a * counts[there, 0] - a * (a - 1) // 2 + b - a
+            unknown = 3 * layout.position[node[there, b]]
+            column = layout.panel_columns(supernode[there, a], unknown)
+            starts[there, pair] = offset[there, a] + column
     return group, Elements(
         nodes=_in_lanes(ordered),
         corners=_in_lanes(nodes),

@@ -98,7 +98,7 @@ def _nodes(model: Model, layout: Plan, reduced_size: int) -> Nodes:
         reduced[z, : len(unknowns)], size[z] = unknowns, len(unknowns)
     number = np.full(len(model.rest), -1, dtype=np.int64)
     number[region_nodes] = np.arange(len(region_nodes))
-    first = np.concatenate([[0], np.cumsum(layout.columns)])[layout.supernode]
+    first = layout.first_column[layout.supernode]
     first_unknown, supernode = np.full((2, len(model.rest)), -1, dtype=np.int64)
     first_unknown[free], supernode[free] = 3 * layout.position, layout.supernode
     return Nodes(
@@ -170,6 +170,7 @@ def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
 
 def _reduced_columns(layout: Plan, reduced_size: int) -> IndexArray:
     """Panel column of each reduced coordinate in each supernode, -1 where absent, shape (s, b + c)."""
-    first = 3 * len(layout.position)
-    table = [[places.get(first + b, -1) for b in range(reduced_size)] for places in layout.column_of]
-    return np.array(table, dtype=np.int64).reshape(len(layout.column_of), reduced_size)
+    first, size = 3 * len(layout.position), len(layout.columns)
+    supernodes = np.repeat(np.arange(size), reduced_size)
+    unknowns = np.tile(first + np.arange(reduced_size), size)
+    return layout.panel_columns(supernodes, unknowns).reshape(size, reduced_size)

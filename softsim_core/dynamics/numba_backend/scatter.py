@@ -129,10 +129,10 @@ def _placed(both: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan) -> 
     free, region = local[both], nodes.region_number[both]
     place = np.append(layout.position, -1)[free]  # -1 where a node is not free
     upper = np.flatnonzero((free >= 0).all(axis=1) & (place[:, 0] <= place[:, 1]))
-    in_free = np.empty((len(upper), 3), dtype=np.int64)
-    for row, (block, node, column) in enumerate(zip(upper, free[upper, 0], place[upper, 1], strict=True)):
-        s = layout.supernode[node]
-        in_free[row] = block, layout.row_offset[node] + layout.column_of[s][3 * int(column)], layout.width[s]
+    node = free[upper, 0]
+    supernode = layout.supernode[node]
+    column = layout.panel_columns(supernode, 3 * place[upper, 1])
+    in_free = np.stack([upper, layout.row_offset[node] + column, layout.width[supernode]], axis=1)
     mixed = np.flatnonzero((free[:, 0] >= 0) & (region[:, 1] >= 0))
     node = free[mixed, 0]
     supernode = layout.supernode[node]

@@ -1,0 +1,324 @@
+"""Nested dissection: an elimination order that keeps the factors of three-dimensional meshes small.
+
+Nodes that part the graph into two halves are eliminated last, and each half is parted in the same way. Where
+to part: distances along the graph to a few nodes far from one another stand for coordinates, the median of
+the difference of two of them cuts, and moves of single nodes make the separator smaller. Small parts are
+ordered by minimum degree among themselves, separators around them counted.
+
+Sources: George 1973, Nested dissection of a regular finite element mesh; Fiduccia and Mattheyses 1982, and
+Hendrickson and Rothberg 1998, Improving the run time and quality of nested dissection ordering.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.arrays import BoolArray, IndexArray
+from softsim_core.linalg.compile import kernel
+
+LEAF = 96
+"""Parts of at most so many nodes are ordered by minimum degree."""
+
+LANDMARKS = 5
+"""Nodes to which distances are taken."""
+
+UNBALANCED = 0.62
+"""The larger half has at most this share of the nodes beside the separator."""
+
+IMPROVED = 3
+"""Of the cuts between landmarks so many are improved, those with the smallest separators."""
+
+PATIENCE = 60
+"""Moves without a smaller separator after which a pass ends; larger separators have more."""
+
+PASSES = 6
+"""Passes of moves at most; one that does not help ends them."""
+
+SEPARATOR, OUTSIDE = 2, 3
+"""Sides of nodes besides 0 and 1."""
+
+
+@kernel
+def distances(
+    starts: IndexArray, neighbours: IndexArray, inside: BoolArray, first: int, distance: IndexArray,
+    queue: IndexArray,
+) -> int:  # fmt: skip
+    """Steps along the graph from `first` to the nodes inside, -1 elsewhere; queue holds them, nearest first.
+
+    Returns:
+        How many are reached.
+    """
+    distance[first], queue[0], done, size = 0, first, 0, 1
+    while done < size:
+        node = queue[done]
+        done += 1
+        for e in range(starts[node], starts[node + 1]):
+            other = neighbours[e]
+            if inside[other] and distance[other] < 0:
+                distance[other] = distance[node] + 1
+                queue[size] = other
+                size += 1
+    return size
+
+
+@kernel
+def landmark_distances(
+    starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, inside: BoolArray, queue: IndexArray
+) -> IndexArray:
+    """Distances of all nodes of the graph from nodes that are far from one another, shape (LANDMARKS, n).
+
+    The first row is -1 for `nodes` that cannot be reached from the others.
+    """
+    result = np.full((LANDMARKS, len(inside)), -1, np.int64)
+    size = distances(starts, neighbours, inside, nodes[0], result[0], queue)
+    first = queue[size - 1]
+    for node in nodes:
+        result[0, node] = -1
+    size = distances(starts, neighbours, inside, first, result[0], queue)
+    if size < len(nodes):
+        return result
+    nearest = result[0].copy()
+    for k in range(1, LANDMARKS):
+        far = nodes[0]
+        for node in nodes:
+            if nearest[node] > nearest[far]:
+                far = node
+        distances(starts, neighbours, inside, far, result[k], queue)
+        for node in nodes:
+            nearest[node] = min(nearest[node], result[k, node])
+    return result
+
+
+@kernel
+def sorted_by(measure: IndexArray, nodes: IndexArray) -> IndexArray:
+    """The nodes by rising `measure` (of each of them); of equal ones the earlier stands first."""
+    low, high = measure.min(), measure.max()
+    ends = np.zeros(high - low + 2, np.int64)
+    for value in measure:
+        ends[value - low + 1] += 1
+    for i in range(1, len(ends)):
+        ends[i] += ends[i - 1]
+    result = np.empty(len(nodes), np.int64)
+    for i in range(len(nodes)):
+        result[ends[measure[i] - low]] = nodes[i]
+        ends[measure[i] - low] += 1
+    return result
+
+
+@kernel
+def cut(starts: IndexArray, neighbours: IndexArray, order: IndexArray, side: IndexArray) -> int:
+    """Part nodes in that order at the middle into sides and a separator; its size."""
+    half, size = len(order) // 2, 0
+    for i in range(len(order)):
+        side[order[i]] = 0 if i < half else 1
+    for node in order[half:]:
+        for e in range(starts[node], starts[node + 1]):
+            if side[neighbours[e]] == 0:
+                side[node] = SEPARATOR
+                size += 1
+                break
+    return size
+
+
+@kernel
+def change_side(
+    starts: IndexArray, neighbours: IndexArray, node: int, to: int, side: IndexArray, sizes: IndexArray,
+    beside: IndexArray,
+) -> None:  # fmt: skip
+    """Put a node on a side, or into the separator; `beside` (n, 3) counts each node's neighbours there."""
+    before = side[node]
+    sizes[before] -= 1
+    sizes[to] += 1
+    side[node] = to
+    for e in range(starts[node], starts[node + 1]):
+        beside[neighbours[e], before] -= 1
+        beside[neighbours[e], to] += 1
+
+
+@kernel
+def best_move(
+    separator: IndexArray, beside: IndexArray, sizes: IndexArray, moved: BoolArray, largest: float
+) -> tuple[int, int]:
+    """Place in the separator, and side, of the node whose move makes it smallest; -1: none may move."""
+    best, found, to = 1 << 40, -1, 0
+    for goal in range(2):
+        room, uneven = sizes[goal] + 1 <= largest, 1 if sizes[goal] > sizes[1 - goal] else 0
+        for i in range(sizes[SEPARATOR]):
+            coming = beside[separator[i], 1 - goal]
+            cost = 2 * coming + uneven
+            if cost < best and not moved[separator[i]] and (room or sizes[goal] < sizes[1 - goal] - coming):
+                best, found, to = cost, i, goal
+    return found, to
+
+
+@kernel
+def improve(
+    starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, side: IndexArray, beside: IndexArray,
+    moved: BoolArray,
+) -> int:  # fmt: skip
+    """Make the separator among `nodes` smaller by moves of single nodes; returns its size."""
+    separator, sizes = np.empty(len(nodes), np.int64), np.zeros(4, np.int64)
+    for node in nodes:
+        sizes[side[node]] += 1
+        beside[node] = 0
+        for e in range(starts[node], starts[node + 1]):
+            beside[node, side[neighbours[e]]] += 1
+    largest = UNBALANCED * len(nodes)
+    log = np.empty((8 * len(nodes), 2), np.int64)
+    for _ in range(PASSES):
+        smallest, even, kept, logged, since, height = sizes[SEPARATOR], max(sizes[0], sizes[1]), 0, 0, 0, 0
+        before = smallest
+        for node in nodes:
+            moved[node] = False
+            if side[node] == SEPARATOR:
+                separator[height] = node
+                height += 1
+        while since < PATIENCE + sizes[SEPARATOR] // 8 and logged + len(nodes) < len(log):
+            place, to = best_move(separator, beside, sizes, moved, largest)
+            if place < 0:
+                break
+            node = separator[place]
+            separator[place] = separator[sizes[SEPARATOR] - 1]
+            moved[node] = True
+            change_side(starts, neighbours, node, to, side, sizes, beside)
+            log[logged, 0], log[logged, 1] = node, SEPARATOR
+            logged += 1
+            for e in range(starts[node], starts[node + 1]):
+                other = neighbours[e]
+                if side[other] == 1 - to:
+                    separator[sizes[SEPARATOR]] = other
+                    change_side(starts, neighbours, other, SEPARATOR, side, sizes, beside)
+                    log[logged, 0], log[logged, 1] = other, 1 - to
+                    logged += 1
+            since += 1
+            larger = max(sizes[0], sizes[1])
+            if sizes[SEPARATOR] < smallest or (sizes[SEPARATOR] == smallest and larger < even):
+                smallest, kept, even, since = sizes[SEPARATOR], logged, larger, 0
+        for i in range(logged - 1, kept - 1, -1):
+            change_side(starts, neighbours, log[i, 0], log[i, 1], side, sizes, beside)
+        if smallest == before:
+            break
+    return int(sizes[SEPARATOR])
+
+
+@kernel
+def part_in_two(
+    starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, far: IndexArray, side: IndexArray,
+    beside: IndexArray, moved: BoolArray,
+) -> None:  # fmt: skip
+    """Sides of `nodes`: the smallest separator of the cuts between two landmarks, the best ones improved."""
+    pairs, measure = LANDMARKS * (LANDMARKS - 1) // 2, np.empty(len(nodes), np.int64)
+    orders, size = np.empty((pairs, len(nodes)), np.int64), np.empty(pairs, np.int64)
+    k = 0
+    for a in range(LANDMARKS):
+        for b in range(a):
+            for i in range(len(nodes)):
+                measure[i] = far[a, nodes[i]] - far[b, nodes[i]]
+            orders[k] = sorted_by(measure, nodes)
+            size[k] = cut(starts, neighbours, orders[k], side)
+            k += 1
+    smallest, best = len(nodes) + 1, np.empty(len(nodes), np.int64)
+    tried = np.argsort(size, kind="mergesort")[:IMPROVED]
+    for k in tried:
+        cut(starts, neighbours, orders[k], side)
+        found = improve(starts, neighbours, nodes, side, beside, moved)
+        if found < smallest:
+            smallest = found
+            for i in range(len(nodes)):
+                best[i] = side[nodes[i]]
+    for i in range(len(nodes)):
+        side[nodes[i]] = best[i]
+
+
+@kernel
+def minimum_degree_inside(
+    starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, place: IndexArray, result: IndexArray
+) -> None:
+    """Order of a few `nodes` into `result`: the one with fewest neighbours first, those it leaves joined.
+
+    `place` is -1 for all nodes of the graph, before and after.
+    """
+    own, size = len(nodes), len(nodes)
+    halo = np.empty(sum([starts[node + 1] - starts[node] for node in nodes]), np.int64)
+    for i in range(own):
+        place[nodes[i]] = i
+    for node in nodes:
+        for e in range(starts[node], starts[node + 1]):
+            if place[neighbours[e]] < 0:
+                place[neighbours[e]] = size
+                halo[size - own] = neighbours[e]
+                size += 1
+    joined = np.zeros((own, size), np.bool_)
+    degree = np.zeros(own, np.int64)
+    for i in range(own):
+        for e in range(starts[nodes[i]], starts[nodes[i] + 1]):
+            joined[i, place[neighbours[e]]] = True
+        degree[i] = starts[nodes[i] + 1] - starts[nodes[i]]
+    for node in nodes:
+        place[node] = -1
+    for i in range(size - own):
+        place[halo[i]] = -1
+    done, around = np.zeros(own, np.bool_), np.empty(size, np.int64)
+    for step in range(own):
+        chosen = -1
+        for i in range(own):
+            if not done[i] and (chosen < 0 or degree[i] < degree[chosen]):
+                chosen = i
+        result[step], done[chosen], count = nodes[chosen], True, 0
+        for j in range(size):
+            if joined[chosen, j] and (j >= own or not done[j]):
+                around[count] = j
+                count += 1
+        for a in range(count):
+            i = around[a]
+            if i >= own:
+                continue
+            for b in range(count):
+                joined[i, around[b]] = True
+            joined[i, i] = joined[i, chosen] = False
+            degree[i] = 0
+            for j in range(size):
+                degree[i] += joined[i, j]
+
+
+@kernel
+def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
+    """Nodes of a graph in the order of their elimination, shape (n,)."""
+    count = len(starts) - 1
+    result, nodes = np.empty(count, np.int64), np.arange(count)
+    inside, moved, queue = np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.empty(count, np.int64)
+    side, place = np.full(count, OUTSIDE, np.int64), np.full(count, -1, np.int64)
+    beside = np.zeros((count, 4), np.int64)
+    stack = [(0, count)]
+    while len(stack):
+        low, high = stack.pop()
+        part = nodes[low:high].copy()
+        if high - low <= LEAF:
+            if high > low:
+                minimum_degree_inside(starts, neighbours, part, place, result[low:high])
+            continue
+        inside[part] = True
+        far = landmark_distances(starts, neighbours, part, inside, queue)
+        inside[part] = False
+        apart = False
+        for node in part:
+            side[node] = 0 if far[0, node] >= 0 else 1
+            apart = apart or far[0, node] < 0
+        if not apart:
+            part_in_two(starts, neighbours, part, far, side, beside, moved)
+        ends = np.zeros(4, np.int64)
+        for node in part:
+            ends[side[node] + 1] += 1
+        if max(ends[1], ends[2]) == 0 or max(ends[1], ends[2]) == high - low:  # all are joined with all
+            result[low:high] = part
+        else:
+            ends[2] += ends[1]
+            stack.append((low, low + ends[1]))
+            stack.append((low + ends[1], low + ends[2]))
+            ends[3] += ends[2]
+            for node in part:
+                nodes[low + ends[side[node]]] = node
+                ends[side[node]] += 1
+            result[low + ends[1] : high] = nodes[low + ends[1] : high]
+        side[part] = OUTSIDE
+    return result

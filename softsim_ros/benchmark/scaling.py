@@ -1,0 +1,222 @@
+"""How a step grows with its mesh: time, memory and the size of the factor, each mesh in a process of its own.
+
+Times are processor times of the one thread that works: steps of seconds are never alone on a machine.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from time import process_time
+
+import numpy as np
+
+from softsim_core import (
+    AttachmentDescription,
+    BodyDescription,
+    Box,
+    MaterialDescription,
+    SceneDescription,
+    Simulation,
+    TetMesh,
+    box_mesh,
+)
+from softsim_core.linalg.superlu import factorised
+from softsim_core.mechanics.model import Model
+from softsim_core.robots.tripod_mesh import tripod_silicone
+from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.steps import step_matrix
+
+SIZES = ("1k", "3k", "10k", "30k", "50k")
+QUICK_SIZES = ("1k", "3k")
+SHAPES = ("box", "silicone")
+BOX_CELLS = {"1k": 9, "3k": 13, "10k": 21, "30k": 30, "50k": 36}
+"""Cells along each edge of a cube of 0.1 m."""
+
+SILICONE_LEVELS = {"1k": (3, 2), "3k": (5, 4), "10k": (8, 6), "30k": (12, 9), "50k": (14, 11)}
+"""Divisions and layers of the Tripod's silicone, see robots.tripod_mesh."""
+
+SILICONE = MaterialDescription(young_modulus=250e3, poisson_ratio=0.45)
+
+SPLU_SIZES = QUICK_SIZES
+"""Larger matrices take SuperLU minutes."""
+
+LEAD_IN_STEPS, MOST_STEPS, ENOUGH_S = 2, 30, 6.0
+HEAD = (
+    "shape", "size", "nodes", "tets", "plan s", "step ms", "factor ms", "splu ms", "nnz(L)", "Gflop",
+    "Gflop/s", "peak MB", "exponent",
+)  # fmt: skip
+
+
+class ScalingError(Exception):
+    """A mesh could not be measured; the message says what its process said."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What one mesh takes.
+
+    Attributes:
+        shape, size: Of SHAPES and SIZES.
+        nodes, elements: Of the mesh.
+        plan_s: Processor time in [s] of planning the elimination of its free nodes.
+        step_ms: Shortest processor time of a step in [ms].
+        factor_ms: The factorisation's share of that in [ms], by the median of its shares.
+        splu_ms: Shortest processor time of SuperLU on the matrix of the step in [ms]; None: not measured.
+        factor_entries: Numbers in the factor.
+        flops: Multiplications and additions of the factorisation.
+        peak_mb: Largest resident memory of the process in [MB].
+    """
+
+    shape: str
+    size: str
+    nodes: int
+    elements: int
+    plan_s: float
+    step_ms: float
+    factor_ms: float
+    splu_ms: float | None
+    factor_entries: int
+    flops: float
+    peak_mb: float
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        return asdict(self)
+
+
+def mesh_of(shape: str, size: str) -> TetMesh:
+    """The mesh of that shape and size."""
+    if shape == "box":
+        return box_mesh((0.1, 0.1, 0.1), (BOX_CELLS[size],) * 3)
+    return tripod_silicone(*SILICONE_LEVELS[size])
+
+
+def held(mesh: TetMesh) -> Simulation:
+    """A body of silicone, held where it is near the z axis and low, that falls under gravity."""
+    near = Box(center=(0.0, 0.0, 0.0), size=(0.03, 0.03, 0.03))
+    hold = AttachmentDescription(name="hold", body="body", to="world", box=near)
+    body = BodyDescription(name="body", mesh=mesh, material=SILICONE, total_mass=0.05)
+    with warnings.catch_warnings():  # slivers of a mesh are no news here
+        warnings.simplefilter("ignore", UserWarning)
+        return Simulation(
+            SceneDescription(name="scaling", bodies=(body,), attachments=(hold,)), backend="numba"
+        )
+
+
+def measure_scale(shape: str, size: str) -> Scale:
+    """Measure one mesh in this process."""
+    simulation = held(mesh_of(shape, size))
+    for _ in range(LEAD_IN_STEPS):
+        simulation.step()
+    steps: list[float] = []
+    shares: list[float] = []
+    while len(steps) < MOST_STEPS and sum(steps) < 1e3 * ENOUGH_S:
+        started = process_time()
+        simulation.step()
+        steps.append(1e3 * (process_time() - started))
+        stages = simulation.stage_times
+        shares.append(stages["factor"] / stages["step"])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
+    plan_s, entries, flops = planned(simulation.model)
+    splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
+    return Scale(
+        shape,
+        size,
+        len(simulation.positions),
+        len(simulation.tets),
+        plan_s,
+        min(steps),
+        min(steps) * float(np.median(shares)),
+        min(splu, default=None),
+        entries,
+        flops,
+        peak,
+    )
+
+
+def planned(model: Model) -> tuple[float, int, float]:
+    """Seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
+    from softsim_core.dynamics.numba_backend.scatter import node_pairs
+    from softsim_core.linalg.simd import LANES, ROWS
+    from softsim_core.linalg.symbolic import plan
+
+    local = np.full(len(model.rest), -1, dtype=np.int64)
+    local[model.free_nodes] = np.arange(len(model.free_nodes))
+    edges = local[np.concatenate([node_pairs(group.cells) for group in model.groups])]
+    edges = np.unique(edges[(edges >= 0).all(axis=1)], axis=0)
+    started = process_time()
+    layout = plan(len(model.free_nodes), edges, np.zeros((0, 2), np.int64), 0, LANES, ROWS)
+    seconds = process_time() - started
+    own, coupled = layout.columns.astype(float), layout.side - 1.0
+    entries = own * (own + 1.0) / 2.0 + own * coupled
+    flops = own * (own + 1.0) * (2.0 * own + 1.0) / 6.0 + own * coupled * (own + coupled)
+    return seconds, int(entries.sum()), float(flops.sum())
+
+
+def factorisation_ms(simulation: Simulation) -> float:
+    """Processor time in [ms] of one SuperLU factorisation of the next step's matrix."""
+    matrix = step_matrix(simulation)
+    started = process_time()
+    factorised(matrix)
+    return 1e3 * (process_time() - started)
+
+
+def measure_scaling(sizes: Iterable[str], shapes: Iterable[str] = SHAPES) -> Iterator[Scale]:
+    """Measure each mesh in a new process, one after another.
+
+    Raises:
+        ScalingError: a process failed.
+    """
+    chosen = tuple(sizes)
+    for shape in shapes:
+        for size in chosen:
+            child = subprocess.run(
+                [sys.executable, "-m", "softsim_ros.benchmark.scaling", shape, size],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if child.returncode != 0:
+                raise ScalingError(f"measuring {shape} {size} failed: {child.stderr.strip()[-200:]}")
+            yield Scale(**json.loads(child.stdout))
+
+
+def scaling_table(scales: Iterable[Scale]) -> list[str]:
+    """What was measured as lines; the exponent is of the step's time over nodes, from the mesh above."""
+    rows: list[tuple[str, ...]] = [HEAD]
+    before: Scale | None = None
+    for each in scales:
+        exponent = "-"
+        if before is not None and before.shape == each.shape:
+            slope = math.log(each.step_ms / before.step_ms) / math.log(each.nodes / before.nodes)
+            exponent = f"{slope:.2f}"
+        rows.append(
+            (
+                each.shape,
+                each.size,
+                str(each.nodes),
+                str(each.elements),
+                f"{each.plan_s:.2f}",
+                f"{each.step_ms:.1f}",
+                f"{each.factor_ms:.1f}",
+                "-" if each.splu_ms is None else f"{each.splu_ms:.1f}",
+                f"{each.factor_entries / 1e6:.2f} M",
+                f"{each.flops / 1e9:.3f}",
+                f"{each.flops / 1e6 / each.factor_ms:.1f}",
+                f"{each.peak_mb:.0f}",
+                exponent,
+            )
+        )
+        before = each
+    return aligned(rows)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(measure_scale(*sys.argv[1:3]).as_json()))
