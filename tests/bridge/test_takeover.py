@@ -11,7 +11,8 @@ import pytest
 from board_driving import PERIOD, TestClock, Wait, flags, robot, run, take_over
 from node_processes import spin_until
 
-from servo_bridge.driver import STALL_S, ServoDriver
+from servo_bridge.board_pose import STALL_S
+from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.following import DEAF_PATIENCE, PATIENCE, Following
