@@ -230,7 +230,7 @@ class ServoDriver(BoardPort):
                 return
             with self._lock:
                 now = self._clock()
-                told = dict(zip(self.servo_joints, self.motion.goal(now), strict=True)) | command
+                told = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
                 self.motion.command([told[name] for name in self.servo_joints], now)
 
     def refuse(self, error: CommandError) -> None:
