@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 from servo_bridge.link import BoardLink
 from servo_bridge.protocols import BoardProtocol
@@ -22,16 +23,17 @@ class BoardPose:
 
     Args:
         motion: Goes on from the pose that is taken over.
+        lock: Held while the motion is changed, and never while the board is spoken to, which may hang.
 
     Attributes:
         moved: Whether the board was told a pose since its port was opened.
         takeover: Whether and why its pose has to be asked for before a pose is sent.
     """
 
-    def __init__(self, motion: ServoMotion) -> None:
+    def __init__(self, motion: ServoMotion, lock: threading.RLock) -> None:
         self.moved = False
         self.takeover = Takeover()
-        self._motion = motion
+        self._motion, self._lock = motion, lock
         self._held = False  # told to hold, and no pose since
         self._last_tick: float | None = None
 
@@ -95,8 +97,9 @@ class BoardPose:
             return packet
 
     def _lose(self, reason: str, now: float) -> None:
-        self._motion.forget(now)
-        self.takeover.begin(reason)
+        with self._lock:
+            self._motion.forget(now)
+            self.takeover.begin(reason)
 
     def _take(self, board: BoardProtocol) -> None:
         """Go on from the pose that the board says it has; where it says none, from the last one sent."""
@@ -104,8 +107,9 @@ class BoardPose:
         pose = board.pose()
         if pose is None:
             return
-        before = self._motion.positions
-        self._motion.resume_from(check_command(pose, self._motion.names))
+        with self._lock:
+            before = self._motion.positions
+            self._motion.resume_from(check_command(pose, self._motion.names))
         away = max(abs(one - other) for one, other in zip(before, self._motion.positions, strict=True))
         if away > SAME_POSE and self.moved:
             degrees = ", ".join(f"{math.degrees(each):.1f}" for each in self._motion.positions)

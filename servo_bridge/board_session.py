@@ -1,6 +1,7 @@
 """A board while its port is open: the driver, the thread that ticks it, and what has become of that thread.
 
-No ROS. One thread opens, starts, stops and closes; the thread that ticks takes no lock of it.
+No ROS. One thread opens, starts, stops and closes; the thread that ticks takes no lock of it. Nobody waits
+for a port that blocks.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError, WriterError
 from servo_bridge.ports import find_again, stable_name
 from servo_bridge.wording import sentence
-from servo_bridge.writer import PeriodFigures, PeriodicThread
+from servo_bridge.writer import HangWatch, PeriodFigures, PeriodicThread
 
 LOOK_PERIOD_S = 0.1
 """A thread that ended is noticed within this time in [s] by whoever waits for it."""
@@ -37,6 +38,7 @@ class BoardSession:
         self.sending = False
         self._sent = sent
         self._writer: PeriodicThread | None = None  # while the port is open
+        self._watch: HangWatch | None = None  # of that thread
         self._stable_port = ""  # name of the board that outlives its number; empty: none
 
     @property
@@ -49,9 +51,17 @@ class BoardSession:
         """Name of the open port; empty without one."""
         return "" if self.driver is None else self.driver.port
 
-    @property
     def fault(self) -> PortError | WriterError | None:
-        """Why no packet leaves any more: the port was lost, or the thread is dead; None while it ticks."""
+        """Why no packet leaves any more: the port was lost, or the thread is dead or hangs; None: it ticks.
+
+        A hang is found by calling this several times a second.
+        """
+        if self._watch is not None and self._watch.look():
+            return WriterError(
+                f"the thread that sends packets hangs ({self.port} blocks, or the board's protocol does); the"
+                " port was given up, and the servos hold or rest as their board does in silence; plug it in"
+                " anew, cleanup and configure"
+            )
         failure = None if self._writer is None else self._writer.failure
         if failure is None or isinstance(failure, PortError):
             return failure
@@ -95,7 +105,7 @@ class BoardSession:
             self._start_writer(self.driver)
 
     def stop(self, settle_timeout_s: float) -> bool:
-        """Let the servos go to rest, then only listen; an e-stop, a lost port or a dead thread ends the wait.
+        """Let the servos go to rest, then only listen; an e-stop, a lost port or a lost thread ends the wait.
 
         Returns:
             Whether they rest, or were not to be moved at all; False: they stay where they are by then.
@@ -109,17 +119,21 @@ class BoardSession:
             return True
         end = time.monotonic() + settle_timeout_s + SETTLING_MARGIN_S
         while not driver.settled.wait(LOOK_PERIOD_S):
-            if self.fault is not None or time.monotonic() > end:
+            if self.fault() is not None or time.monotonic() > end:
                 driver.stand_by()
         return driver.arrived
 
     def hold(self) -> None:
-        """After the thread's death: tell the board to stay where it is, where it can be told."""
+        """Without ticks: tell the board to stay where it is, if it can be; give up a port that blocks."""
         self.sending = False
-        self._end_writer()
-        if self.driver is not None:
+        ended = self._end_writer()
+        if self.driver is None:
+            return
+        if ended:
             self.driver.stand_by()
             self.driver.hold_board()
+        else:
+            self.driver.disconnect()
 
     def close(self, *, relax: bool = False) -> None:
         """Close the port; to be stopped before.
@@ -146,13 +160,16 @@ class BoardSession:
         self._end_writer()
 
         def tick() -> None:
-            if driver.tick() is not None:
+            if driver.tick() is not None and driver.connected:  # it may come back from a port given up
                 self._sent(driver)
 
         self._writer = PeriodicThread(tick, driver.period)
+        self._watch = HangWatch(self._writer)
 
-    def _end_writer(self) -> None:
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            writer.stop()
-            writer.join()
+    def _end_writer(self) -> bool:
+        """End the thread; False: it hangs."""
+        writer, self._writer, self._watch = self._writer, None, None
+        if writer is None:
+            return True
+        writer.stop()
+        return writer.join()

@@ -80,7 +80,9 @@ class ServoBridge(GuardedLifecycleNode):
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
         self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
         self._state_topics = StateTopics(self, self._reports.facts())
-        self._e_stop_services = EStopServices(self, self._e_stop, self._state_topics.refresh)
+        self._e_stop_services = EStopServices(
+            self, self._e_stop, self._state_topics.refresh, self._reports.told_at_stop
+        )
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
 
@@ -211,7 +213,7 @@ class ServoBridge(GuardedLifecycleNode):
             if self._closed:
                 return
             self._reports.tell_news()
-            fault = self._session.fault
+            fault = self._session.fault()
             if isinstance(fault, PortError):
                 self._lose_port(fault)
             elif fault is not None:

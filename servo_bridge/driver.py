@@ -1,7 +1,7 @@
 """From commands to packets on a port: one board's motion, protocol and port. No ROS; the clock is given.
 
 Two threads may use a driver: one ticks, the other gives commands. The e-stop needs neither: it is a latch
-that every tick looks at first.
+that every tick looks at first. A port or a protocol that hangs keeps the ticks, and nobody else.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from servo_bridge.board_port import BoardPort
+from servo_bridge.board_port import BoardPort, Word
 from servo_bridge.board_pose import BoardPose
 from servo_bridge.course import REST_REPEATS, Course
 from servo_bridge.e_stop import EStop
@@ -26,6 +26,7 @@ from servo_bridge.servo_commands import ServoCommands
 from servo_bridge.takeover import Takeover
 from servo_bridge.transport import SerialTransport
 from servo_bridge.wording import sentence
+from servo_bridge.writer import ends_in_time
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.scene.robot import RobotDescription
 
@@ -71,9 +72,6 @@ class ServoDriver(BoardPort):
         e_stop: The latch that every tick looks at; None makes one.
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only by `settle`.
-
-    Attributes:
-        sending: Whether the last tick told the board a pose, or to hold.
 
     Raises:
         SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
@@ -123,8 +121,8 @@ class ServoDriver(BoardPort):
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
         self._course = Course()
-        self._pose = BoardPose(self.motion)
-        self.sending = False
+        self._pose = BoardPose(self.motion, self._lock)
+        self._told = False  # the last tick told the board a pose, or to hold
         self.sent_bytes: tuple[int, ...] | None = None
         self._wait = wait
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
@@ -133,6 +131,11 @@ class ServoDriver(BoardPort):
     def command_age(self) -> float | None:
         """Time in [s] since the newest accepted command; None before the first."""
         return self.motion.command_age(self._clock())
+
+    @property
+    def sending(self) -> bool:
+        """Whether the last tick told the board a pose, or to hold."""
+        return self._told and self.connected
 
     @property
     def takeover(self) -> Takeover:
@@ -169,14 +172,14 @@ class ServoDriver(BoardPort):
             relax: Switch the pulses off first, where the board can and its servos were left at rest.
         """
         with self._lock:
+            words: Sequence[Word] = ()
             if self.motion.e_stop.latched:
-                self.hold_board()
+                words = self._holds()
             elif relax and self._pose.moved and self.motion.at_rest and not self.waiting:
-                with contextlib.suppress(PortError):
-                    self._say(Ability.RELAX)
-            close = self._take_out()
+                words = (Ability.RELAX,)
+            close = self._take_out(words)
             self._end_course()
-        close()
+        ends_in_time(close)
 
     def start(self) -> None:
         """Begin to send from the board's pose, else the last one sent (at first the rest pose).
@@ -256,18 +259,17 @@ class ServoDriver(BoardPort):
         Raises:
             PortError: the port vanished or takes no data; the pose stays the last one sent.
         """
-        with self._lock:
-            latched = self.motion.e_stop.latched
-            try:
-                sent = self._tick(self._clock())
-                self.sending = sent is not None
-                return sent
-            except PortError:
-                self._end_course()
-                raise
-            finally:
-                if latched:
-                    self.motion.e_stop.heed()
+        latched = self.motion.e_stop.latched
+        try:
+            sent = self._tick(self._clock())
+            self._told = sent is not None
+            return sent
+        except PortError:
+            self._end_course()
+            raise
+        finally:
+            if latched:
+                self.motion.e_stop.heed()
 
     def begin_settling(self, timeout_s: float) -> bool:
         """Go to the rest pose at the limits' speed from the next tick on, then stand by.
@@ -309,9 +311,8 @@ class ServoDriver(BoardPort):
 
     def hold_board(self) -> None:
         """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
-        with self._lock, contextlib.suppress(PortError):
-            for _ in range(0 if self.waiting else REST_REPEATS):
-                self._say(Ability.HOLD)
+        words = self._holds()
+        ends_in_time(lambda: [self._say(each) for each in words])
 
     def _tick(self, now: float) -> tuple[int, ...] | None:
         transport, link = self._transport, self.link
@@ -320,7 +321,8 @@ class ServoDriver(BoardPort):
         link.check(now)
         stalled_s = self._pose.passed_s(now)
         if link.state(now) == WAITING:
-            self.motion.forget(now)
+            with self._lock:
+                self.motion.forget(now)
             return None
         if self.motion.e_stop.latched:
             if self._course.settles:
@@ -341,27 +343,33 @@ class ServoDriver(BoardPort):
 
     def _send(self, transport: SerialTransport, link: BoardLink, now: float) -> tuple[int, ...]:
         """Write the next pose of the present course."""
-        before = self.motion.positions
-        positions = self._course.step(self.motion, now)
+        with self._lock:
+            before = self.motion.positions
+            positions = self._course.step(self.motion, now)
         try:
             with link.speaking() as board:
                 board.avoid_byte_100 = self.avoid_byte_100
                 packet = board.encode(positions)
             transport.write(packet.data)
         except PortError:
-            self.motion.resume_from(before)
+            with self._lock:
+                self.motion.resume_from(before)
             raise
         self.counts.packets += 1
         self.counts.avoided += packet.avoided
         self._pose.moved = True
         self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
-        if self._course.sent(self.motion, now):
-            self._end_course()
+        with self._lock:
+            if self._course.sent(self.motion, now):
+                self._end_course()
         return packet.servo_bytes
+
+    def _holds(self) -> Sequence[Word]:
+        return () if self.waiting else (Ability.HOLD,) * REST_REPEATS
 
     def _end_course(self) -> None:
         self._course.end()
-        self.sending = False
+        self._told = False
 
     def applied_angles(self) -> tuple[float, ...]:
         """Nominal joint angles in [rad] of what was last sent, in servo order; NaN before the first."""

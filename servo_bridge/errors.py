@@ -22,4 +22,4 @@ class ProtocolError(SoftSimError, ValueError):
 
 
 class WriterError(SoftSimError, RuntimeError):
-    """The thread that sends packets is dead: the board is told nothing any more."""
+    """The thread that sends packets is dead or hangs: the board is told nothing any more."""

@@ -18,6 +18,7 @@ from servo_bridge.driver import ServoDriver
 from servo_bridge.e_stop import EStop
 from servo_bridge.imu import imu_message
 from servo_bridge.lifecycle import GuardedLifecycleNode
+from servo_bridge.link import BoardLink
 from servo_bridge.protocols import TiltReading
 from servo_bridge.state_topics import Facts
 from servo_bridge.wording import printable
@@ -47,6 +48,7 @@ class Reports:
         self._base_frame = base_frame
         self.trouble = self.calibration = self.imu_frame = self.source_topic = ""
         self.reconnects = 0
+        self._known: BoardLink | None = None  # whose board's abilities were told
         depth = QoSProfile(depth=10)
         self._applied: Publisher = node.create_publisher(JointState, "applied_joint_states", depth)
         self._diagnostics: Publisher = node.create_publisher(DiagnosticArray, "/diagnostics", depth)
@@ -85,11 +87,35 @@ class Reports:
         self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
 
     def tell_news(self) -> None:
-        """Log what has happened between bridge and board."""
+        """Log what has happened between bridge and board, and once a port what the board cannot be told."""
         driver = self._session.driver
-        news = () if driver is None else driver.takeover.news
-        while news:
-            self._node.get_logger().warning(news.popleft())
+        if driver is None:
+            return
+        while driver.takeover.news:
+            self._node.get_logger().warning(driver.takeover.news.popleft())
+        if driver.link is not self._known and driver.holds is not None:
+            self._known = driver.link
+            if not driver.holds:
+                self._node.get_logger().warning(f"{driver.port}: {self._no_hold(driver)}")
+
+    def told_at_stop(self, heeded: bool) -> str:
+        """What an e-stop has told the board, for a sentence; `heeded`: whoever writes packets saw it."""
+        driver = self._session.driver
+        if driver is None or not driver.connected:
+            return "no port is open, and nothing is sent before ~/clear_e_stop"
+        if not heeded:
+            return "but no packet could leave; cut the servos' supply"
+        if driver.holds is None:
+            return "the board has not started yet, and is told no pose before ~/clear_e_stop"
+        held = "the servos hold until ~/clear_e_stop"
+        return held if driver.holds else f"{held}; {self._no_hold(driver)}"
+
+    @staticmethod
+    def _no_hold(driver: ServoDriver) -> str:
+        return (
+            f"the {driver.link_state} protocol has no word to stop: at an e-stop the servos are told their"
+            " pose while the bridge is active, and in silence the board's firmware decides"
+        )
 
     def diagnose(self) -> None:
         """One message for people."""
