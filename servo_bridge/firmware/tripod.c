@@ -247,12 +247,14 @@ static void move_one_frame(void)
         silence++;
     if (silence == HOLD_FRAMES)
         stop_moving();
+#ifndef LEGACY_ONLY /* a line without a word to stop: after a stop nobody could say that silence must not move */
     if (silence >= REST_FRAMES && !hold_asked) {
         for (uint8_t i = 0; i < SERVOS; i++)
             target[i] = rest[i];
         if (step > CREEP_TICKS)
             step = CREEP_TICKS;
     }
+#endif
     for (uint8_t i = 0; i < SERVOS && !relaxed; i++) { /* without pulses the servos stay where they were */
         uint16_t wanted = within(target[i], lowest[i], highest[i]);
         uint16_t from = current[i];

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
+from firmware_build import build
 from node_processes import NodeProcess, spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -91,6 +92,28 @@ def test_latched_it_outlasts_the_bridge(
         let_pass(far_end, 4.0)
         assert at(*FAR)(far_end), far_end.widths_us()
         assert largest_steps_us(far_end)[0] < TOLERANCE_US
+
+
+def test_it_outlasts_the_bridge_where_the_line_has_no_word_to_stop(
+    tmp_path: Path,
+    start: Callable[..., NodeProcess],
+    client: BridgeClient,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    with EmulatedBoardPty(build(tmp_path, "-DLEGACY_ONLY"), link=tmp_path / "plain") as board:
+        bridge = start(BRIDGE, *bridge_words(port=board.port, autostart="activate"))
+        scene = load_scene("tripod")
+        assert scene.board is not None
+        command = Float64MultiArray(data=list(bytes_to_angles(FAR, scene.board.servos)))
+        stream(client.publisher(Float64MultiArray, "position_controller/commands"), command)
+        assert board.wait_for(at(*FAR)), bridge.output
+        assert bridge.says("the legacy protocol has no word to stop")
+        assert "in silence the board's firmware decides" in client.trigger("servo_bridge/e_stop").message
+        board.clear()
+        assert bridge.end(signal.SIGKILL) == -signal.SIGKILL
+        let_pass(board, 5.0)
+        assert at(*FAR)(board), board.widths_us()
+        assert largest_steps_us(board)[0] < TOLERANCE_US
 
 
 def test_latched_it_outlasts_a_bridge_that_stands_still_and_its_clearing(
