@@ -27,6 +27,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulat
 
 FAR = (65, 70, 75)
 TOLERANCE_US = 1.5
+SLEW_US = 62.0
 REST_RAD, NEAR = math.radians(150 - 179), math.radians(2.0)
 LONGEST_STEP = 3.5 * 0.04 + NEAR / 10.0
 """Largest change from packet to packet in [rad]: two periods at the joints' speed; widths are whole us."""
@@ -129,6 +130,19 @@ def test_latched_it_outlasts_a_bridge_that_stands_still_and_its_clearing(
     let_pass(far_end, 2.0)
     assert at(*FAR)(far_end), far_end.widths_us()
     assert largest_steps_us(far_end)[0] < TOLERANCE_US
+
+
+def test_a_bridge_killed_and_started_anew_finds_the_servos_where_they_are(
+    driven: NodeProcess, far_end: EmulatedBoardPty, start: Callable[..., NodeProcess]
+) -> None:
+    far_end.clear()
+    opened = far_end.open_count
+    driven.end(signal.SIGKILL)
+    anew = start(BRIDGE, *bridge_words(port=far_end.port, autostart="activate"))
+    assert far_end.wait_for(lambda board: board.open_count > opened), anew.output
+    assert far_end.wait_for(lambda board: board.widths_us() is None)  # its port was opened: a reset
+    assert far_end.wait_for(at(*FAR)), anew.output
+    assert largest_steps_us(far_end)[0] <= SLEW_US  # over the reset, too
 
 
 def test_a_bridge_that_stood_still_comes_back_from_where_the_board_went(
