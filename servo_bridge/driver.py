@@ -365,7 +365,8 @@ class ServoDriver(BoardPort):
         return packet.servo_bytes
 
     def _holds(self) -> Sequence[Word]:
-        return () if self.waiting else (Ability.HOLD,) * REST_REPEATS
+        hold: Word = Ability.HOLD
+        return () if self.waiting else (hold,) * REST_REPEATS
 
     def _end_course(self) -> None:
         self._course.end()

@@ -153,7 +153,7 @@ class HangWatch:
         return self.hangs
 
 
-def ends_in_time(call: Callable[[], None], timeout_s: float = JOIN_S) -> bool:
+def ends_in_time(call: Callable[[], object], timeout_s: float = JOIN_S) -> bool:
     """Make a call that may hang in a thread of its own; whether it came back, also with an error, in time."""
 
     def run() -> None:

@@ -133,8 +133,9 @@ def test_latched_it_outlasts_a_bridge_that_stands_still_and_its_clearing(
 
 
 def test_a_bridge_killed_and_started_anew_finds_the_servos_where_they_are(
-    driven: NodeProcess, far_end: EmulatedBoardPty, start: Callable[..., NodeProcess]
+    driven: NodeProcess, far_end: EmulatedBoardPty, client: BridgeClient, start: Callable[..., NodeProcess]
 ) -> None:
+    assert client.trigger("servo_bridge/e_stop").success  # the board stays, however long the start takes
     far_end.clear()
     opened = far_end.open_count
     driven.end(signal.SIGKILL)
