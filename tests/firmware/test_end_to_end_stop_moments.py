@@ -212,6 +212,7 @@ def test_no_pulse_changes_where_the_bridge_is_lost_after_the_stop(
             elif loss == "killed":
                 bridge.end(signal.SIGKILL)
             else:
+                robot.let_pass(0.02)  # the packet has left when the call is answered, and arrives then
                 cut.set()
             robot.let_pass(3.0)  # silence leads to rest after two
             late = robot.last_change() - answered
