@@ -126,14 +126,15 @@ class BoardSession:
     def hold(self) -> None:
         """Without ticks: tell the board to stay where it is, if it can be; give up a port that blocks."""
         self.sending = False
-        ended = self._end_writer()
+        hangs = self._watch is not None and self._watch.hangs
+        self._end_writer()
         if self.driver is None:
             return
-        if ended:
+        if hangs:
+            self.driver.disconnect()
+        else:
             self.driver.stand_by()
             self.driver.hold_board()
-        else:
-            self.driver.disconnect()
 
     def close(self, *, relax: bool = False) -> None:
         """Close the port; to be stopped before.
@@ -166,10 +167,9 @@ class BoardSession:
         self._writer = PeriodicThread(tick, driver.period)
         self._watch = HangWatch(self._writer)
 
-    def _end_writer(self) -> bool:
-        """End the thread; False: it hangs."""
+    def _end_writer(self) -> None:
+        """End the thread, and forget one that hangs."""
         writer, self._writer, self._watch = self._writer, None, None
-        if writer is None:
-            return True
-        writer.stop()
-        return writer.join()
+        if writer is not None:
+            writer.stop()
+            writer.join()
