@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
+from servo_bridge.errors import PortError
 from servo_bridge.link import BoardLink, Reader
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 from servo_bridge.transport import SerialTransport
@@ -64,6 +66,12 @@ class BoardPort:
         return None if self.link is None else self.link.state(self._clock())
 
     @property
+    def holds(self) -> bool | None:
+        """Whether the board can be told to stay where it is (ability HOLD); None while that is not known."""
+        link = self.link
+        return None if link is None or self.waiting else Ability.HOLD in link.board.abilities
+
+    @property
     def telemetry_age(self) -> float | None:
         """Time in [s] since a board that says what it is last spoke; None before the first time."""
         return None if self.link is None else self.link.heard_age(self._clock())
@@ -89,13 +97,17 @@ class BoardPort:
         self.link = BoardLink(transport.port, boards, quiet_s, self._clock())
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
-    def _take_out(self) -> Callable[[], None]:
-        """Forget the port; what is returned ends its reading thread and closes it."""
+    def _take_out(self, words: Sequence[Word] = ()) -> Callable[[], None]:
+        """Forget the port; what is returned says the last words and closes it, and may hang."""
         reader, self._reader = self._reader, None
         transport, self._transport = self._transport, None
-        self.link = None
+        link, self.link = self.link, None
 
         def close() -> None:
+            if transport is not None and link is not None:
+                with contextlib.suppress(PortError):
+                    for word in words:
+                        _say(transport, link, word)
             if reader is not None:
                 reader.stop()
             if transport is not None:
@@ -109,11 +121,14 @@ class BoardPort:
         Raises:
             PortError: the port failed.
         """
-        if self._transport is None or self.link is None:
+        transport, link = self._transport, self.link
+        return transport is not None and link is not None and _say(transport, link, word)
+
+
+def _say(transport: SerialTransport, link: BoardLink, word: Word) -> bool:
+    with link.speaking() as board:
+        if word not in board.abilities:
             return False
-        with self.link.speaking() as board:
-            if word not in board.abilities:
-                return False
-            packet = board.hold() if word is Ability.HOLD else board.relax()
-        self._transport.write(packet)
-        return True
+        packet = board.hold() if word is Ability.HOLD else board.relax()
+    transport.write(packet)
+    return True

@@ -5,61 +5,42 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from array import array
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
-from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Bool, Float64MultiArray, String
 
 from servo_bridge import parameters
 from servo_bridge.assembly import assemble
-from servo_bridge.diagnostics import bridge_status
+from servo_bridge.board_session import BoardSession
+from servo_bridge.command_input import CommandInput
 from servo_bridge.driver import ServoDriver
 from servo_bridge.e_stop import EStop
 from servo_bridge.e_stop_services import EStopServices
-from servo_bridge.errors import PortError
-from servo_bridge.imu import imu_message
-from servo_bridge.inputs import NamedCommand, command_values, joint_positions, named_command
+from servo_bridge.errors import PortError, WriterError
 from servo_bridge.lifecycle import GuardedLifecycleNode
 from servo_bridge.parameters import BridgeSettings
-from servo_bridge.ports import find_again, find_port, stable_name
-from servo_bridge.protocols import TiltReading
+from servo_bridge.ports import find_port
 from servo_bridge.recovery import Recovery
+from servo_bridge.reports import Reports
 from servo_bridge.state_topics import StateTopics
-from servo_bridge.wording import printable, sentence
-from servo_bridge.writer import PeriodicThread
-from softsim_core.errors import CommandError, SoftSimError
+from servo_bridge.wording import sentence
+from softsim_core.errors import SoftSimError
 from softsim_core.scene.robot import RobotDescription
 from softsim_node.frames import prefix_of
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
 
-Values = TypeVar("Values")
-
 SUPERVISION_PERIOD_S = 0.1
-SETTLING_MARGIN_S = 2.0
-"""How much longer than `settle_timeout` the way to rest is waited for, braking and rest packets included."""
-
-NAMED_DEPTH = 10
-"""Commands by name that may wait: each may be for other joints."""
-
-REFUSAL_LOG_PERIOD_S = 2.0
 RETRY_JITTER = 0.2
 
 
 class ServoBridge(GuardedLifecycleNode):
-    """Thin: parameters, topics, services and timers; decisions live in safety, driver and recovery.
+    """Thin: lifecycle, parameters and timers; decisions live in safety, driver, board_session and recovery.
 
     Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
     `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
@@ -87,43 +68,21 @@ class ServoBridge(GuardedLifecycleNode):
         parameters.check(self._live.values)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
-        self._e_stop = EStop(self._hurry_writer)  # outside that lock
-        self._driver: ServoDriver | None = None
-        self._sending = False
+        self._session = BoardSession(lambda driver: self._reports.tell_applied(driver))
+        self._e_stop = EStop(self._session.hurry)  # outside that lock
+        base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
+        self._reports = Reports(self, self._session, self._e_stop, base_frame)
+        self._input: CommandInput | None = None
         self._closed = False
-        self._trouble = ""
-        self._reconnects = 0
         self._recovery = Recovery(RETRY_JITTER)
-        self._writer: PeriodicThread | None = None  # while the port is open
-        self._lost: PortError | None = None  # told by the writer, handled by the executor
-        self._stable_port = ""  # name of the configured board that outlives its number; empty: none
-        self._calibration = ""
-        self._imu_frame = ""
-        self._base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
-        self._source_subscription: Subscription | None = None
-        self._source_topic = ""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._applied: Publisher = self.create_publisher(
-            JointState, "applied_joint_states", QoSProfile(depth=10)
-        )
-        self._diagnostics: Publisher = self.create_publisher(
-            DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
-        )
-        self._imu: Publisher = self.create_publisher(Imu, "imu", QoSProfile(depth=10))
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
         self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
-        self._state_topics = StateTopics(
-            self,
-            {
-                "~/state": (State, self.state_message),
-                "~/connected": (Bool, lambda: self._of_driver(lambda driver: driver.connected)),
-                "~/sending": (Bool, lambda: self._of_driver(lambda driver: driver.sending)),
-                "~/e_stop_latched": (Bool, lambda: Bool(data=self._e_stop.latched)),
-                "~/commanded_by": (String, lambda: String(data=self._commanded_by())),
-            },
+        self._state_topics = StateTopics(self, self._reports.facts())
+        self._e_stop_services = EStopServices(
+            self, self._e_stop, self._state_topics.refresh, self._reports.told_at_stop
         )
-        self._e_stop_services = EStopServices(self, self._e_stop, self._state_topics.refresh)
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
 
@@ -134,26 +93,23 @@ class ServoBridge(GuardedLifecycleNode):
             try:
                 self._configure()
             except SoftSimError as error:
-                self._report(str(error))
+                self._reports.report(str(error))
                 return TransitionCallbackReturn.FAILURE
             except Exception as error:
-                self._report(f"configure failed ({type(error).__name__}: {sentence(error)})")
+                self._reports.report(f"configure failed ({type(error).__name__}: {sentence(error)})")
                 return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Send from where the board stands; refused without a port and while the e-stop is latched."""
         with self._lock:
-            refusal = self._activation_refusal()
-            if refusal or self._driver is None:
+            driver, refusal = self._session.driver, self._activation_refusal()
+            if refusal or driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
-            self._driver.start()
-            self._sending = True
-            self._trouble = ""
-            if self._writer is None:  # it died, and was not started anew by itself
-                self._start_writer()
-        self.get_logger().info(f"sending to {self._driver.port} at {1.0 / self._driver.period:g} Hz")
+            self._session.start()
+            self._reports.trouble = ""
+        self.get_logger().info(f"sending to {driver.port} at {1.0 / driver.period:g} Hz")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -208,153 +164,47 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _configure(self) -> None:
         settings = self._live.values
-        assembled = assemble(settings, self._scene, self._e_stop, self._on_tilt)
-        driver = assembled.driver
-        self._imu_frame, self._calibration = assembled.imu_frame, assembled.calibration
-        if self._driver is not None and self._driver.servo_joints == driver.servo_joints:
-            driver.motion.resume_from(self._driver.motion.positions)
-        self._open(driver, find_port(settings.port), settings.open_wait_s)
-        self._release_topics()
-        message_type, topic, callback, depth = {
-            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
-            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
-            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
-        }[settings.source]
-        self._source_subscription = self.create_subscription(
-            message_type, topic, callback, QoSProfile(depth=depth), raw=True
-        )
-        self._source_topic = str(self._source_subscription.topic_name)
-        self._trouble = ""
+        assembled = assemble(settings, self._scene, self._e_stop, self._reports.tell_tilt)
+        driver, before, reports = assembled.driver, self._session.driver, self._reports
+        reports.imu_frame, reports.calibration = assembled.imu_frame, assembled.calibration
+        if before is not None and before.servo_joints == driver.servo_joints:
+            driver.motion.resume_from(before.motion.positions)
+        self._session.open(driver, find_port(settings.port), settings.open_wait_s)
+        self._release_input()
+        self._input = CommandInput(self, settings.source, self._obeying)
+        reports.source_topic, reports.trouble = self._input.topic, ""
         self.get_logger().info(
-            f"port {driver.port} open, source {settings.source}, calibration {self._calibration or 'none'};"
+            f"port {driver.port} open, source {settings.source}, calibration {reports.calibration or 'none'};"
             " activate to send"
         )
 
-    def _open(self, driver: ServoDriver, port: str, open_wait_s: float) -> None:
-        """Open a port, learn the name that outlives its number, and let the writer stand by."""
-        driver.connect(port, open_wait_s)
-        driver.stand_by()
-        self._driver = driver
-        self._stable_port = stable_name(port)
-        self._start_writer()
+    def _obeying(self) -> ServoDriver | None:
+        return self._session.driver if self._session.sending else None
 
     def _activation_refusal(self) -> str:
         if self._e_stop.latched:
             return "activation refused: the e-stop is latched; call ~/clear_e_stop first"
-        if self._driver is None or not self._driver.connected:
-            return f"activation refused: no port is open ({self._trouble or 'configure first'})"
+        if not self._session.connected:
+            return f"activation refused: no port is open ({self._reports.trouble or 'configure first'})"
         return ""
 
     def _stop_sending(self) -> None:
-        """Let the writer go to rest and stand by; an e-stop, a lost port or a dead writer ends the wait."""
         with self._lock:
-            driver, writer = self._driver, self._writer
-            if not self._sending or driver is None:
-                return
-            self._sending = False
-            timeout_s = self._live.values.settle_timeout
-            if writer is None or not driver.begin_settling(timeout_s):
-                driver.stand_by()
-                return
-            end = time.monotonic() + timeout_s + SETTLING_MARGIN_S
-            while not driver.settled.wait(SUPERVISION_PERIOD_S):
-                ended = writer.failure is not None or self._lost is not None
-                if ended or time.monotonic() > end:
-                    driver.stand_by()
-            if not (driver.arrived or self._e_stop.latched):
+            rests = self._session.stop(self._live.values.settle_timeout)
+            if not (rests or self._e_stop.latched):
                 self.get_logger().warning("the servos have not reached rest; they stay where they are")
 
     def _disconnect(self) -> None:
         with self._lock:
             self._stop_sending()
-            self._stop_writer()
-            if self._driver is not None:
-                self._driver.disconnect(relax=self._live.values.relax_at_end)
+            self._session.close(relax=self._live.values.relax_at_end)
             if not self._closed:
-                self._release_topics()
+                self._release_input()
 
-    def _start_writer(self) -> None:
-        self._stop_writer()
-        self._lost = None  # of the port before; what this writer will find is kept, also while activating
-        if self._driver is not None:
-            self._writer = PeriodicThread(self._tick, self._driver.period)
-
-    def _hurry_writer(self) -> None:
-        writer = self._writer
-        if writer is not None:
-            writer.hurry()
-
-    def _stop_writer(self) -> None:
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            writer.stop()
-            writer.join()
-
-    def _release_topics(self) -> None:
-        if self._source_subscription is not None:
-            self.destroy_subscription(self._source_subscription)
-        self._source_subscription = None
-
-    # Commands
-
-    def _on_command(self, data: bytes) -> None:
-        self._obey("position_controller/commands", data, command_values, ServoDriver.command)
-
-    def _on_joint_states(self, data: bytes) -> None:
-        self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
-
-    def _on_joint_commands(self, data: bytes) -> None:
-        def unpack(data: bytes) -> NamedCommand:
-            return named_command(data, 1e-9 * self.get_clock().now().nanoseconds)
-
-        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
-
-    def _obey(
-        self,
-        topic: str,
-        data: bytes,
-        unpack: Callable[[bytes], Values],
-        command: Callable[[ServoDriver, Values], None],
-    ) -> None:
-        driver = self._driver
-        if not self._sending or driver is None:
-            return
-        try:
-            try:
-                values = unpack(data)
-            except CommandError as error:
-                driver.refuse(error)
-                raise
-            command(driver, values)
-        except CommandError as error:
-            text = f"{topic}: {sentence(error)}"
-            self.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
-
-    def _of_driver(self, fact: Callable[[ServoDriver], bool]) -> Bool:
-        driver = self._driver
-        return Bool(data=driver is not None and fact(driver))
-
-    def _commanded_by(self) -> str:
-        """The topic whose commands the servos follow now; empty: they hold, rest or are stopped."""
-        driver = self._driver
-        follows = driver is not None and driver.sending and driver.motion.mode == "track"
-        return self._source_topic if follows else ""
-
-    # The writer's thread, which takes no lock of the node
-
-    def _tick(self) -> None:
-        driver, writer = self._driver, self._writer
-        if driver is None:
-            return
-        try:
-            sent = driver.tick()
-        except PortError as error:
-            self._lost = error
-            if writer is not None:
-                writer.stop()
-            return
-        if sent is not None:
-            self._publish_applied(driver)
+    def _release_input(self) -> None:
+        if self._input is not None:
+            self._input.close()
+        self._input = None
 
     # Timers
 
@@ -362,11 +212,12 @@ class ServoBridge(GuardedLifecycleNode):
         with self._lock:
             if self._closed:
                 return
-            self._tell_news()
-            if self._writer is not None and self._writer.failure is not None:
-                self._lose_writer(self._writer.failure)
-            if self._lost is not None:
-                self._lose_port(self._lost)
+            self._reports.tell_news()
+            fault = self._session.fault()
+            if isinstance(fault, PortError):
+                self._lose_port(fault)
+            elif fault is not None:
+                self._lose_writer(fault)
             now = time.monotonic()
             if self._recovery.due(now):
                 if self._pursue():
@@ -374,32 +225,18 @@ class ServoBridge(GuardedLifecycleNode):
                 else:
                     self._recovery.failed(time.monotonic())
 
-    def _tell_news(self) -> None:
-        news = () if self._driver is None else self._driver.takeover.news
-        while news:
-            self.get_logger().warning(news.popleft())
-
-    def _lose_writer(self, failure: Exception) -> None:
-        """The thread that sends is dead: the servos hold, the bridge is inactive until it is activated."""
-        self._stop_writer()
-        if self._driver is not None:
-            self._driver.stand_by()
-            self._driver.hold_board()
-        self._report(
-            f"the thread that sends packets has ended"
-            f" ({type(failure).__name__}: {sentence(failure)});"
-            " the servos hold; activate the bridge anew"
-        )
+    def _lose_writer(self, error: WriterError) -> None:
+        """Nothing sends any more: the servos hold, the bridge is inactive until it is activated."""
+        self._session.hold()
+        self._reports.report(str(error))
         self._leave_active()
         self._recovery.give_up()
 
     def _lose_port(self, error: PortError) -> None:
         """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
-        was_sending, self._lost = self._sending, None
-        self._stop_writer()
-        if self._driver is not None:
-            self._driver.disconnect()
-        self._report(f"{error}; the bridge tries to open it again")
+        was_sending = self._session.sending
+        self._session.close()
+        self._reports.report(f"{error}; the bridge tries to open it again")
         self._leave_active()
         self._recovery.want("activate" if was_sending else "configure", time.monotonic(), wait=True)
 
@@ -413,69 +250,24 @@ class ServoBridge(GuardedLifecycleNode):
         if self.lifecycle_state == "unconfigured":
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
                 return False
-        elif self.lifecycle_state == "inactive" and self._driver is not None and not self._driver.connected:
+        elif self.lifecycle_state == "inactive" and not self._session.connected:
             settings = self._live.values
             try:
-                port = find_again(settings.port, self._stable_port)
-                self._open(self._driver, port, settings.open_wait_s)
+                self._session.open_again(settings.port, settings.open_wait_s)
             except PortError as error:
-                self._report(str(error))
+                self._reports.report(str(error))
                 return False
-            self._reconnects += 1
-            self._trouble = ""
-            self.get_logger().info(f"port {self._driver.port} is open again")
+            self._reports.reconnects += 1
+            self._reports.trouble = ""
+            self.get_logger().info(f"port {self._session.port} is open again")
         if wish == "activate" and self.lifecycle_state == "inactive":
             self.trigger_activate()
         return True
 
-    # Reports
-
-    def _report(self, problem: str) -> None:
-        """Log an error once, and show it in the diagnostics until it is over."""
-        text = printable(problem)
-        if text != self._trouble:
-            self._trouble = text
-            self.get_logger().error(text)
-
-    def _publish_applied(self, driver: ServoDriver) -> None:
-        if not self.context.ok():
-            return
-        message = JointState(name=list(driver.servo_joints))
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.header.frame_id = self._base_frame
-        message.position = array("d", driver.applied_angles())
-        self._publish(self._applied, message)
-
-    def _on_tilt(self, reading: TiltReading) -> None:
-        """A reading of the board's IMU, in the reading thread."""
-        stamp = self.get_clock().now().to_msg()
-        self._publish(self._imu, imu_message(reading, self._imu_frame, stamp))
-
-    def _publish(self, publisher: Publisher, message: Any) -> None:
-        try:
-            if self.context.ok():
-                publisher.publish(message)
-        except Exception:
-            if self.context.ok():  # else the context went down under the call, at a signal: no fault
-                raise
-
     def _publish_diagnostics(self) -> None:
         with self._lock:
-            if self._closed or not self.context.ok():
-                return
-            status = bridge_status(
-                self.get_fully_qualified_name(),
-                self.lifecycle_state,
-                self._driver,
-                e_stopped=self._e_stop.latched,
-                trouble=self._trouble,
-                reconnects=self._reconnects,
-                calibration=self._calibration,
-                period=self._writer.figures() if self._writer is not None and self._sending else None,
-            )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._publish(self._diagnostics, message)
+            if not self._closed:
+                self._reports.diagnose()
 
     # Parameters
 
@@ -485,9 +277,10 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _apply_parameters(self, _: frozenset[str], settings: BridgeSettings) -> None:
         with self._lock:
-            if self._driver is not None:
-                self._driver.avoid_byte_100 = settings.avoid_byte_100
-                self._driver.set_timing(settings.motion)
+            driver = self._session.driver
+            if driver is not None:
+                driver.avoid_byte_100 = settings.avoid_byte_100
+                driver.set_timing(settings.motion)
 
 
 PROGRAM = Program(

@@ -27,10 +27,13 @@ class EStopServices:
         bridge: Gives the services their names, remapped as its own would be, and the log.
         e_stop: The latch.
         changed: Called in that thread after it was set or cleared.
+        told: What the board was told at a stop, for a sentence; gets whether whoever writes packets saw it.
     """
 
-    def __init__(self, bridge: Node, e_stop: EStop, changed: Callable[[], None]) -> None:
-        self._e_stop, self._logger, self._changed = e_stop, bridge.get_logger(), changed
+    def __init__(
+        self, bridge: Node, e_stop: EStop, changed: Callable[[], None], told: Callable[[bool], str]
+    ) -> None:
+        self._e_stop, self._logger, self._changed, self._told = e_stop, bridge.get_logger(), changed, told
         self._node = Node(
             f"{bridge.get_name()}_e_stop",
             context=bridge.context,
@@ -69,9 +72,9 @@ class EStopServices:
 
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()
-        self._e_stop.wait_heeded(HEED_S)
+        heeded = self._e_stop.wait_heeded(HEED_S)
         self._tell()
-        response.success, response.message = True, "e-stop latched: the servos hold until ~/clear_e_stop"
+        response.success, response.message = True, f"e-stop latched: {self._told(heeded)}"
         self._logger.warning(response.message)
         return response
 

@@ -19,3 +19,7 @@ class PortError(SoftSimError, OSError):
 
 class ProtocolError(SoftSimError, ValueError):
     """A board protocol is unknown, not whole, or does not fit the robot's servos."""
+
+
+class WriterError(SoftSimError, RuntimeError):
+    """The thread that sends packets is dead or hangs: the board is told nothing any more."""

@@ -21,6 +21,9 @@ TELEMETRY_TIMEOUT_S = 0.5
 LONGEST_LOOK_S = 0.1
 """Time in [s] that one look at the port stands for at most: longer, and it was this computer that slept."""
 
+LONGEST_TURN_S = 0.5
+"""The conversation is waited for so long in [s]; longer, and the protocol hangs."""
+
 BANNER_GRACE_S = 1.0
 """Longer than the quiet time that a board has to answer where it has to say what it is."""
 
@@ -88,8 +91,7 @@ class BoardLink:
 
     def fail(self, error: PortError) -> None:
         """The port cannot be read any more; `check` raises this from now on."""
-        with self._lock:
-            self._fault = error
+        self._fault = error
 
     # What the writing side asks
 
@@ -98,19 +100,26 @@ class BoardLink:
         """The board's conversation, for one thread at a time.
 
         Raises:
-            PortError: the protocol failed inside the `with` block.
+            PortError: the protocol failed inside the `with` block, or hangs in another thread.
         """
-        with self._lock:
-            try:
-                yield self.board
-            except PortError:
-                raise
-            except Exception as error:
-                raise PortError(
-                    self.port,
-                    f"the protocol {self.board.name} failed on {self.port}"
-                    f" ({type(error).__name__}: {error}); correct it, or set the parameter protocol",
-                ) from error
+        if not self._lock.acquire(timeout=LONGEST_TURN_S if self._fault is None else 0.0):
+            raise PortError(
+                self.port,
+                f"the protocol {self.board.name} does not come back on {self.port}; correct it, or set the"
+                " parameter protocol",
+            )
+        try:
+            yield self.board
+        except PortError:
+            raise
+        except Exception as error:
+            raise PortError(
+                self.port,
+                f"the protocol {self.board.name} failed on {self.port}"
+                f" ({type(error).__name__}: {error}); correct it, or set the parameter protocol",
+            ) from error
+        finally:
+            self._lock.release()
 
     def state(self, now: float) -> str:
         """Name of the protocol to write in, or WAITING: it is too early to write."""
@@ -157,19 +166,19 @@ class BoardLink:
 
     def take_restart(self) -> bool:
         """Whether the board (re)started since the last call: limits and pose have to be told again."""
-        with self._lock:
+        with self.speaking():
             restarted, self._restarted = self._restarted, False
             return restarted
 
     def heard_age(self, now: float) -> float | None:
         """Time in [s] since the newest message that told the board's protocol; None before the first."""
-        with self._lock:
-            return None if self._heard is None else max(now - self._heard, 0.0)
+        heard = self._heard
+        return None if heard is None else max(now - heard, 0.0)
 
     def tilt_age(self, now: float) -> float | None:
         """Time in [s] since the newest reading of an IMU; None before the first."""
-        with self._lock:
-            return None if self._tilt_time is None else max(now - self._tilt_time, 0.0)
+        tilt_time = self._tilt_time
+        return None if tilt_time is None else max(now - tilt_time, 0.0)
 
 
 class Readable(Protocol):
@@ -207,10 +216,10 @@ class Reader:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and wait for it."""
+        """End the thread and wait for it, though not for a protocol that hangs."""
         self._stop.set()
         self._source.cancel_read()
-        self._thread.join()
+        self._thread.join(LONGEST_TURN_S)
 
     def _run(self) -> None:
         while not self._stop.is_set():

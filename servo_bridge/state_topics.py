@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -28,6 +28,10 @@ STATE_QOS: Final = QoSProfile(
 """Of publishers; a subscriber may ask for less, such as no lease, which is rclpy's default."""
 
 
+Facts: TypeAlias = Mapping[str, tuple[type, Callable[[], Any]]]
+"""Type and reader by topic; a reader gives a message of that type, from any thread, at once."""
+
+
 class StateTopics:
     """Publishers of a node's state; each reads its own fact.
 
@@ -35,10 +39,10 @@ class StateTopics:
 
     Args:
         node: Owner of the publishers and of the timer.
-        facts: Type and reader by topic; a reader gives a message of that type, from any thread, at once.
+        facts: What is told, by topic.
     """
 
-    def __init__(self, node: Node, facts: Mapping[str, tuple[type, Callable[[], Any]]]) -> None:
+    def __init__(self, node: Node, facts: Facts) -> None:
         self._context, self._lock = node.context, threading.Lock()
         self._facts = [
             (node.create_publisher(kind, topic, STATE_QOS), read) for topic, (kind, read) in facts.items()

@@ -18,8 +18,8 @@ from servo_bridge.pty_board import MasterEnd, PtyBoard
 START_S = 0.2
 """Time in [s] from the opening of the port to the first word; a real board's boot loader takes 1.4 s."""
 
-RESET_EXTERNAL = 2
-"""Reset cause of a board whose port is opened."""
+RESET_POWER_ON, RESET_EXTERNAL = 1, 2
+"""Reset causes of a board that is plugged in, and of one whose port is opened."""
 
 IDLE_POLL_S = 0.02
 """How often a port that nobody has open is looked at, in [s]."""
@@ -108,7 +108,7 @@ class VirtualBoard(PtyBoard):
             self._changed.notify_all()
 
     def _power_on(self) -> None:
-        """Nothing to do: a board begins anew whenever it is opened."""
+        self.model.reset(RESET_POWER_ON)
 
     def _power_off(self) -> None:
         self._servo_bytes = None

@@ -23,7 +23,7 @@
 
 #define PROTOCOL_VERSION 2
 #define FIRMWARE_MAJOR 2
-#define FIRMWARE_MINOR 0
+#define FIRMWARE_MINOR 1
 
 /* Time: Timer1 counts 0.5 us ticks and is never reset. */
 #define TICKS_PER_US 2u
@@ -91,6 +91,7 @@ static volatile uint16_t overruns;
 static volatile uint16_t stuck_mark __attribute__((section(".noinit")));
 static volatile uint16_t stuck_mark_inverse __attribute__((section(".noinit")));
 static uint8_t reset_cause __attribute__((section(".noinit")));
+static uint16_t kept[SERVOS + 1] __attribute__((section(".noinit"))); /* newest widths of pulses, and their sum */
 
 /* ---- pulses ---------------------------------------------------------------------------------------------- */
 
@@ -212,6 +213,7 @@ static uint16_t target[SERVOS], current[SERVOS]; /* in ticks */
 static uint16_t lowest[SERVOS], highest[SERVOS], rest[SERVOS]; /* in ticks */
 static uint16_t slew = SLEW_TICKS;
 static uint8_t started;   /* a pose was commanded since the reset */
+static uint8_t known;     /* where the servos were at the reset */
 static uint8_t relaxed;
 static uint8_t hold_asked; /* latched: only a pose in a frame ends it, silence does not */
 static uint8_t silence = 255; /* frames since the last valid command, saturating */
@@ -231,13 +233,37 @@ static void command_pose(const uint16_t *ticks)
 {
     for (uint8_t i = 0; i < SERVOS; i++) {
         target[i] = within(ticks[i], lowest[i], highest[i]);
-        if (!started)
+        if (!started && !known)
             current[i] = target[i]; /* where the servos are is not known: there is nothing to slew from */
     }
     started = 1;
     relaxed = 0;
     hold_asked = 0;
     silence = 0;
+}
+
+/* What tells kept widths from what a loss of power leaves in the memory. */
+static uint16_t sum_of_kept(void)
+{
+    uint16_t sum = MAGIC;
+    for (uint8_t i = 0; i < SERVOS; i++)
+        sum = (uint16_t)(sum << 1 | sum >> 15) ^ kept[i];
+    return sum;
+}
+
+static uint8_t is_kept(void)
+{
+    for (uint8_t i = 0; i < SERVOS; i++)
+        if (kept[i] < WIDTH_MIN_US * TICKS_PER_US || kept[i] > WIDTH_MAX_US * TICKS_PER_US)
+            return 0;
+    return kept[SERVOS] == sum_of_kept();
+}
+
+static void keep_widths(void)
+{
+    for (uint8_t i = 0; i < SERVOS; i++)
+        kept[i] = current[i];
+    kept[SERVOS] = sum_of_kept();
 }
 
 static void move_one_frame(void)
@@ -247,13 +273,15 @@ static void move_one_frame(void)
         silence++;
     if (silence == HOLD_FRAMES)
         stop_moving();
+#ifndef LEGACY_ONLY /* a line without a word to stop: after a stop nobody could say that silence must not move */
     if (silence >= REST_FRAMES && !hold_asked) {
         for (uint8_t i = 0; i < SERVOS; i++)
             target[i] = rest[i];
         if (step > CREEP_TICKS)
             step = CREEP_TICKS;
     }
-    for (uint8_t i = 0; i < SERVOS && !relaxed; i++) { /* without pulses the servos stay where they were */
+#endif
+    for (uint8_t i = 0; i < SERVOS && started && !relaxed; i++) { /* without pulses the servos stay where they were */
         uint16_t wanted = within(target[i], lowest[i], highest[i]);
         uint16_t from = current[i];
         if (wanted > from)
@@ -267,6 +295,8 @@ static void move_one_frame(void)
             next_width[i] = current[i];
         next_active = started && !relaxed;
     }
+    if (started && !relaxed)
+        keep_widths();
 }
 
 /* ---- parser ---------------------------------------------------------------------------------------------- */
@@ -527,7 +557,7 @@ static void send_telemetry(void)
     payload[0] = accepted_sequence;
     put_twelve_bits(payload + 1, flags);
     for (uint8_t i = 0; i < SERVOS; i++)
-        put_twelve_bits(payload + 3 + 2 * i, pulses ? (current[i] + 1) / TICKS_PER_US : 0);
+        put_twelve_bits(payload + 3 + 2 * i, pulses || (known && !started) ? (current[i] + 1) / TICKS_PER_US : 0);
     put_twelve_bits(payload + 9, rejects & 0xFFF);
     put_twelve_bits(payload + 11, lost & 0xFFF);
     send_frame(TELEMETRY, payload, sizeof payload);
@@ -552,8 +582,10 @@ static void start(void)
 {
     PORTB = 0;
     DDRB = 1 << DDB1 | 1 << DDB2 | 1 << DDB3;
+    known = is_kept();
     for (uint8_t i = 0; i < SERVOS; i++) {
-        current[i] = target[i] = rest[i] = ANGLE_TICKS(ANGLE_REST);
+        rest[i] = ANGLE_TICKS(ANGLE_REST);
+        current[i] = target[i] = known ? kept[i] : rest[i];
         next_width[i] = current[i];
         lowest[i] = WIDTH_MIN_US * TICKS_PER_US;
         highest[i] = WIDTH_MAX_US * TICKS_PER_US;

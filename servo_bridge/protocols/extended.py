@@ -132,8 +132,8 @@ class ExtendedProtocol(BoardProtocol):
         )
 
     def pose(self) -> tuple[float, ...] | None:
-        """Angles of the widths that telemetry tells, while there are pulses."""
-        if self.telemetry is None or BoardFlags.ACTIVE not in self.telemetry.flags:
+        """Angles of the widths that telemetry tells: of the pulses, or of those before the board's reset."""
+        if self.telemetry is None or not all(self.telemetry.widths_us):
             return None
         widths = self.telemetry.widths_us
         return tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True))

@@ -46,12 +46,15 @@ def byte_ticks(servo_byte: int) -> int:
 
 
 TELEMETRY_PERIOD_S = 0.05
-RESET_EXTERNAL = 2
+RESET_POWER_ON, RESET_EXTERNAL = 1, 2
 _COUNTER = 0xFFF
 
 
 class BoardMotion:
     """Widths of a board's servos, frame by frame; times are seconds of any steady clock.
+
+    Args:
+        kept: Widths in ticks of the pulses before the reset; None after a loss of power.
 
     Attributes:
         started: A pose was commanded since the reset: before it there are no pulses.
@@ -62,12 +65,13 @@ class BoardMotion:
         rest: Width of each servo in ticks in the rest pose.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kept: Sequence[int] | None = None) -> None:
         self.started = self.relaxed = self.hold_asked = False
+        self._known = kept is not None
         self.slew = _SLEW
         self.ranges = [(PULSE_MIN_US * TICKS_PER_US, PULSE_MAX_US * TICKS_PER_US)] * SERVOS
         self.rest = [byte_ticks(_REST_BYTE)] * SERVOS
-        self._current = list(self.rest)
+        self._current = list(kept or self.rest)
         self._target = list(self._current)
         self._silence = _REST_FRAMES  # frames since the newest valid command, saturating
         self._next_frame: float | None = None
@@ -103,10 +107,21 @@ class BoardMotion:
         """Widths of the pulses in [us], one per servo; None without pulses."""
         return tuple(ticks / TICKS_PER_US for ticks in self._current) if self.active else None
 
+    @property
+    def kept(self) -> Sequence[int] | None:
+        """Widths in ticks that outlast a reset: of the newest pulses; None before the first."""
+        return tuple(self._current) if self.started or self._known else None
+
+    @property
+    def told_us(self) -> tuple[float, ...]:
+        """Widths in [us] as telemetry tells them: of the pulses, else of those before the reset, else 0."""
+        told = self.active or (self._known and not self.started)
+        return tuple(ticks / TICKS_PER_US if told else 0.0 for ticks in self._current)
+
     def command(self, ticks: Sequence[int]) -> None:
-        """Go to a pose; the first one since the reset is taken at once."""
+        """Go to a pose; the first one after a loss of power is taken at once."""
         self._target = self._within(ticks)
-        if not self.started:
+        if not (self.started or self._known):
             self._current = list(self._target)
         self.started, self.relaxed, self.hold_asked = True, False, False
         self._silence = 0
@@ -137,7 +152,7 @@ class BoardMotion:
         if self._silence >= _REST_FRAMES and not self.hold_asked:
             self._target = list(self.rest)
             step = min(step, _CREEP)
-        if self.relaxed:
+        if not self.active:
             return  # without pulses the servos stay where they were
         self._current = [
             now + max(-step, min(step, wanted - now))
@@ -166,16 +181,17 @@ class ExtendedBoard(BoardModel):
 
     def __init__(self, legacy: PacketParser) -> None:
         self.silent = self.deaf = False
+        self.motion = BoardMotion()
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
         self._begun = 0.0  # when the frame begun last did
         self.reset()
 
     def reset(self, cause: int = RESET_EXTERNAL) -> None:
-        """Start anew, as after the opening of the port; the banner is said next."""
+        """Start anew; the banner is said next. Only a loss of power forgets where the servos were."""
         self._frames.reset()
         self._legacy.reset()
-        self.motion = BoardMotion()
+        self.motion = BoardMotion(None if cause == RESET_POWER_ON else self.motion.kept)
         self.seq = self._own_seq = 0
         self._limits_set = self._framed = False
         self._banner_due, self._reset_cause = True, cause
@@ -228,10 +244,8 @@ class ExtendedBoard(BoardModel):
             self._banner_due = False
             content = Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, self._reset_cause)
             data += frames.banner(self._next(), content)
-        widths = self.motion.widths_us or (0.0,) * frames.SERVOS
-        told = Telemetry(
-            self.seq, self._flags(), tuple(int(width + 0.5) for width in widths), self.dropped & _COUNTER, 0
-        )
+        widths = tuple(int(width + 0.5) for width in self.motion.told_us)
+        told = Telemetry(self.seq, self._flags(), widths, self.dropped & _COUNTER, 0)
         data += frames.telemetry(self._next(), told)
         return b"" if self.silent else data
 

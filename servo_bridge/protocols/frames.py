@@ -22,7 +22,7 @@ FRAME_HEADER = 0xFE
 PROTOCOL_VERSION = 2
 """Version that the banner of a board of this protocol carries."""
 
-FIRMWARE_VERSION = (2, 0)
+FIRMWARE_VERSION = (2, 1)
 """Major and minor version of firmware/tripod.c, which the banner carries, too."""
 
 SERVOS = 3

@@ -32,6 +32,9 @@ from softsim_ros.benchmark.process import (
     wait_for_steps,
 )
 
+ROBOT: Final = "tripod"
+"""Name of the robot that is watched, and its namespace."""
+
 VIEWER_MODULE: Final = "softsim_ros.viewer.viewer_node"
 CORE_SHARE_LIMIT: Final = 0.10
 """Largest share of a core that the viewer may need with one browser at 30 frames per second."""
@@ -159,14 +162,14 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
         )
         simulator = _start(NODE_MODULE, log, environment, f"robot:={robot}")
         stack.callback(end_process, simulator)
-        listener = stack.enter_context(Listener(domain, "/tripod", everything=False))
+        listener = stack.enter_context(Listener(domain, f"/{ROBOT}", everything=False))
         wait_for_steps(simulator, listener, 300)
         alone: list[dict[str, float]] = []
         watched: list[dict[str, float]] = []
         costs: list[tuple[float, float, float]] = []
         for _ in range(PAIRS):
             alone += _steps(listener, seconds)
-            costs.append(_watch_once(listener, watched, log, environment, robot, seconds))
+            costs.append(_watch_once(listener, watched, log, environment, seconds))
     return ViewerFigures(
         len(surface.points),
         median(cost[0] for cost in costs),
@@ -203,14 +206,13 @@ def _watch_once(
     watched: list[dict[str, float]],
     log: IO[str],
     environment: dict[str, str],
-    robot: Path,
     seconds: float,
 ) -> tuple[float, float, float]:
     """Share of a core, MB/s to the browser, and memory in [MB] of a viewer with one browser."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    viewer = _start(VIEWER_MODULE, log, environment, f"robot:={robot}", f"port:={port}", "no_token:=true")
+    viewer = _start(VIEWER_MODULE, log, environment, f"robot:={ROBOT}", f"port:={port}", "no_token:=true")
     browser = Browser(port)
     try:
         browser.start()

@@ -42,7 +42,7 @@ def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_p
         )
         with spinning(bridge, client.context):
             assert board.wait_for(lambda b: b.accepted > 5)
-            bridge._driver.motion.positions = (-1.5, -1.0)
+            bridge._session.driver.motion.positions = (-1.5, -1.0)
             assert board.wait_for(lambda b: b.servo_bytes == (93, 121))
             bridge.close()
             assert board.wait_for(lambda b: not b.is_open)

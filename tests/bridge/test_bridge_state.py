@@ -77,7 +77,7 @@ def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
 
     bridge = Node("servo_bridge", context=client.context, namespace="tripod")
     e_stop = EStop()
-    services = EStopServices(bridge, e_stop, fail)
+    services = EStopServices(bridge, e_stop, fail, str)
     try:
         e_stop.heed()
         assert client.trigger("servo_bridge/e_stop").success

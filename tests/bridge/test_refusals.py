@@ -229,7 +229,7 @@ def test_a_dead_writer_is_found_and_the_servos_hold(client: Any, tmp_path: Path,
         diagnostics = client.collect(DiagnosticArray, "/diagnostics")
         with spinning(bridge, client.context):
             assert board.wait_for(lambda b: b.accepted > 5)
-            bridge._driver.motion.limits = None  # what no test can foresee: a fault in the program
+            bridge._session.driver.motion.limits = None  # what no test can foresee: a fault in the program
             assert wait_until(lambda: bridge.lifecycle_state == "inactive")
             assert board.wait_for(lambda b: b.model.motion.hold_asked)
 

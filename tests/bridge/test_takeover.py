@@ -11,7 +11,8 @@ import pytest
 from board_driving import PERIOD, TestClock, Wait, flags, robot, run, take_over
 from node_processes import spin_until
 
-from servo_bridge.driver import STALL_S, ServoDriver
+from servo_bridge.board_pose import STALL_S
+from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.following import DEAF_PATIENCE, PATIENCE, Following
@@ -108,6 +109,28 @@ def test_a_stalled_bridge_goes_on_from_where_the_board_went_by_itself(
     changes = [abs(after - before) for before, after in pairwise([0.0, *moves])]
     assert max(changes) <= math.degrees(40.0) * PERIOD**2 + 0.4
     assert board.wait_for(lambda b: b.servo_bytes == (64, 64, 64))
+
+
+def test_a_bridge_started_anew_goes_on_from_where_the_servos_were_when_it_was_killed(
+    driver: ServoDriver, clock: TestClock, board: VirtualBoard, wait_until: Wait
+) -> None:
+    drive_far(driver, clock, board)
+    driver.disconnect()  # and not to rest before
+    anew = ServoDriver(robot(limits=SPEED), clock=clock, wait=clock.wait)
+    anew.connect(board.port, quiet_s=2.5)  # resets the board
+    assert wait_until(lambda: anew.link_state == "extended")
+    anew.start()
+    take_over(anew)
+    assert anew.applied_angles() == pytest.approx([FAR] * 3, abs=math.radians(0.2))
+    poses = [anew.applied_angles()[0]]
+    for _ in range(60):
+        anew.command([-0.5] * 3)
+        run(anew, clock, PERIOD)
+        poses.append(anew.applied_angles()[0])
+    speeds = [0.0, *(math.degrees(after - before) / PERIOD for before, after in pairwise(poses))]
+    assert 150.0 < max(speeds) <= math.degrees(3.5) + 10.0  # widths are whole us, 0.1 deg
+    assert max(abs(b - a) for a, b in pairwise(speeds)) <= math.degrees(40.0) * PERIOD + 20.0
+    anew.disconnect()
 
 
 def test_a_dead_line_to_the_board_is_noticed_although_telemetry_lives(

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_processes import spin_until
 from rclpy.parameter import Parameter
 
-from servo_bridge import bridge_node
+from servo_bridge import board_session, bridge_node
 from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.ports import stable_name
 from servo_bridge.pty_board import make_link
@@ -39,7 +39,7 @@ def test_replugged_under_another_number(
     by_id, number = tmp_path / "by-id", tmp_path / "ttyACM0"
     by_id.mkdir()
     name = by_id / "usb-Arduino_Uno_tripod-if00"
-    monkeypatch.setattr(bridge_node, "stable_name", partial(stable_name, by_id=by_id))
+    monkeypatch.setattr(board_session, "stable_name", partial(stable_name, by_id=by_id))
     with EmulatedBoardPty() as before, EmulatedBoardPty() as after, VirtualBoard() as stranger:
         for link in (name, number):
             make_link(link, before.port)

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
+from firmware_build import build
 from node_processes import NodeProcess, spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -26,6 +27,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulat
 
 FAR = (65, 70, 75)
 TOLERANCE_US = 1.5
+SLEW_US = 62.0
 REST_RAD, NEAR = math.radians(150 - 179), math.radians(2.0)
 LONGEST_STEP = 3.5 * 0.04 + NEAR / 10.0
 """Largest change from packet to packet in [rad]: two periods at the joints' speed; widths are whole us."""
@@ -93,6 +95,28 @@ def test_latched_it_outlasts_the_bridge(
         assert largest_steps_us(far_end)[0] < TOLERANCE_US
 
 
+def test_it_outlasts_the_bridge_where_the_line_has_no_word_to_stop(
+    tmp_path: Path,
+    start: Callable[..., NodeProcess],
+    client: BridgeClient,
+    stream: Callable[[Any, Any], Stream],
+) -> None:
+    with EmulatedBoardPty(build(tmp_path, "-DLEGACY_ONLY"), link=tmp_path / "plain") as board:
+        bridge = start(BRIDGE, *bridge_words(port=board.port, autostart="activate"))
+        scene = load_scene("tripod")
+        assert scene.board is not None
+        command = Float64MultiArray(data=list(bytes_to_angles(FAR, scene.board.servos)))
+        stream(client.publisher(Float64MultiArray, "position_controller/commands"), command)
+        assert board.wait_for(at(*FAR)), bridge.output
+        assert bridge.says("the legacy protocol has no word to stop")
+        assert "in silence the board's firmware decides" in client.trigger("servo_bridge/e_stop").message
+        board.clear()
+        assert bridge.end(signal.SIGKILL) == -signal.SIGKILL
+        let_pass(board, 5.0)
+        assert at(*FAR)(board), board.widths_us()
+        assert largest_steps_us(board)[0] < TOLERANCE_US
+
+
 def test_latched_it_outlasts_a_bridge_that_stands_still_and_its_clearing(
     driven: NodeProcess, far_end: EmulatedBoardPty, client: BridgeClient
 ) -> None:
@@ -106,6 +130,20 @@ def test_latched_it_outlasts_a_bridge_that_stands_still_and_its_clearing(
     let_pass(far_end, 2.0)
     assert at(*FAR)(far_end), far_end.widths_us()
     assert largest_steps_us(far_end)[0] < TOLERANCE_US
+
+
+def test_a_bridge_killed_and_started_anew_finds_the_servos_where_they_are(
+    driven: NodeProcess, far_end: EmulatedBoardPty, client: BridgeClient, start: Callable[..., NodeProcess]
+) -> None:
+    assert client.trigger("servo_bridge/e_stop").success  # the board stays, however long the start takes
+    far_end.clear()
+    opened = far_end.open_count
+    driven.end(signal.SIGKILL)
+    anew = start(BRIDGE, *bridge_words(port=far_end.port, autostart="activate"))
+    assert far_end.wait_for(lambda board: board.open_count > opened), anew.output
+    assert far_end.wait_for(lambda board: board.widths_us() is None)  # its port was opened: a reset
+    assert far_end.wait_for(at(*FAR)), anew.output
+    assert largest_steps_us(far_end)[0] <= SLEW_US  # over the reset, too
 
 
 def test_a_bridge_that_stood_still_comes_back_from_where_the_board_went(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +14,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge_session import BridgeClient
+from bridge_session import BRIDGE, BridgeClient, bridge_words
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from node_processes import spin_until
+from node_processes import NodeProcess, spin_until
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
@@ -185,3 +187,41 @@ def test_no_pulse_changes_after_the_stop_nor_after_its_clearing(
     assert len(robot.calls) == each
     assert state != "driving" or 2 * moving > each
     print(f"{state}: moving at {moving} of {each} calls")
+
+
+@pytest.mark.parametrize("each", [1, pytest.param(40, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("loss", ["stopped", "killed", "line cut"])
+def test_no_pulse_changes_where_the_bridge_is_lost_after_the_stop(
+    tmp_path: Path, client: BridgeClient, start: Callable[..., NodeProcess], loss: str, each: int
+) -> None:
+    cut = threading.Event()  # both ways; the board keeps its power
+    with EmulatedBoardPty(link=tmp_path / "board", line=lambda data: b"" if cut.is_set() else data) as board:
+        words = bridge_words(port=board.link, autostart="activate")
+        bridge = start(BRIDGE, *words)
+        robot = Stopped(client, board, seed=len(loss))
+        for number in range(each):
+            if loss == "killed" and number:
+                bridge = start(BRIDGE, *words)
+            robot.activate()
+            robot.command(WHOLE_MOVE_S)
+            robot.get_to("driving")
+            assert client.trigger("servo_bridge/e_stop").success
+            answered = board.time_s
+            if loss == "stopped":
+                bridge.process.send_signal(signal.SIGSTOP)
+            elif loss == "killed":
+                bridge.end(signal.SIGKILL)
+            else:
+                robot.let_pass(0.02)  # the packet has left when the call is answered, and arrives then
+                cut.set()
+            robot.let_pass(3.0)  # silence leads to rest after two
+            late = robot.last_change() - answered
+            print(f"{loss} {number}: last change {1e3 * late:.1f} ms after the answer")
+            assert late <= WITHIN_S, (loss, number)
+            if loss != "killed":
+                bridge.process.send_signal(signal.SIGCONT)
+                cut.clear()
+                assert client.trigger("servo_bridge/clear_e_stop").success
+                robot.let_pass(0.5)
+                assert robot.last_change() <= answered + WITHIN_S, (loss, number)
+            board.clear()

@@ -46,11 +46,9 @@ def test_a_board_without_frames_and_telemetry(
     board.run(0.1)
     assert board.widths_us() is None
     board.feed(legacy(90, 120, 150))
-    board.run(3.0)
+    board.run(10.0)
     assert board.transmitted == b""
-    assert board.widths_us() == pytest.approx(ideal(*[150] * 3), abs=600.0)
-    board.run(3.0)
-    assert board.widths_us() == pytest.approx(ideal(150, 150, 150), abs=TOLERANCE_US)
+    assert board.widths_us() == pytest.approx(ideal(90, 120, 150), abs=TOLERANCE_US)  # silence never moves it
 
 
 def test_a_board_without_watchdog(make_board: Callable[..., EmulatedBoard], tmp_path: Path) -> None:

@@ -106,6 +106,14 @@ def test_lines_move_the_servos(imu_board: Callable[[], EmulatedBoard]) -> None:
     assert board.widths_us() == pytest.approx(ideal(90, 120, 150), abs=TOLERANCE_US)
 
 
+def test_silence_never_moves_a_servo(imu_board: Callable[[], EmulatedBoard]) -> None:
+    board = imu_board()
+    for _ in range(40):
+        said(board, encode_line([90, 120, 170]))
+    board.run(10.0)
+    assert board.widths_us() == pytest.approx(ideal(90, 120, 170), abs=TOLERANCE_US)
+
+
 def test_nothing_is_said_unasked_and_a_missing_sensor_is_told(
     imu_board: Callable[[], EmulatedBoard], sensor: I2cRegisters
 ) -> None:

@@ -1,0 +1,154 @@
+"""What a bridge publishes: the poses really sent, its board's tilts, its state as data and for people."""
+
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool, String
+
+from servo_bridge.board_session import BoardSession
+from servo_bridge.diagnostics import bridge_status
+from servo_bridge.driver import ServoDriver
+from servo_bridge.e_stop import EStop
+from servo_bridge.imu import imu_message
+from servo_bridge.lifecycle import GuardedLifecycleNode
+from servo_bridge.link import BoardLink
+from servo_bridge.protocols import TiltReading
+from servo_bridge.state_topics import Facts
+from servo_bridge.wording import printable
+
+
+class Reports:
+    """Publishers of a bridge, and what is told through them; any thread may call.
+
+    Args:
+        node: The bridge.
+        session: Its board.
+        e_stop: Its latch.
+        base_frame: Frame of the topic applied_joint_states.
+
+    Attributes:
+        trouble: Sentence of what keeps the bridge from working; empty when nothing does.
+        reconnects: Times that a lost port was opened again.
+        calibration: File of the servos' calibration; empty without one.
+        imu_frame: Frame of the topic imu.
+        source_topic: Full name of the topic with commands; empty before the first configure.
+    """
+
+    def __init__(
+        self, node: GuardedLifecycleNode, session: BoardSession, e_stop: EStop, base_frame: str
+    ) -> None:
+        self._node, self._session, self._e_stop = node, session, e_stop
+        self._base_frame = base_frame
+        self.trouble = self.calibration = self.imu_frame = self.source_topic = ""
+        self.reconnects = 0
+        self._known: BoardLink | None = None  # whose board's abilities were told
+        depth = QoSProfile(depth=10)
+        self._applied: Publisher = node.create_publisher(JointState, "applied_joint_states", depth)
+        self._diagnostics: Publisher = node.create_publisher(DiagnosticArray, "/diagnostics", depth)
+        self._imu: Publisher = node.create_publisher(Imu, "imu", depth)
+
+    def facts(self) -> Facts:
+        """The state topics."""
+        return {
+            "~/state": (State, self._node.state_message),
+            "~/connected": (Bool, lambda: Bool(data=self._session.connected)),
+            "~/sending": (Bool, lambda: Bool(data=self._sending())),
+            "~/e_stop_latched": (Bool, lambda: Bool(data=self._e_stop.latched)),
+            "~/commanded_by": (String, lambda: String(data=self._commanded_by())),
+        }
+
+    def report(self, problem: str) -> None:
+        """Log an error once, and show it in the diagnostics until it is over."""
+        text = printable(problem)
+        if text != self.trouble:
+            self.trouble = text
+            self._node.get_logger().error(text)
+
+    def tell_applied(self, driver: ServoDriver) -> None:
+        """The pose that the servos were told last."""
+        if not self._node.context.ok():
+            return
+        message = JointState(name=list(driver.servo_joints))
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = self._base_frame
+        message.position = array("d", driver.applied_angles())
+        self._publish(self._applied, message)
+
+    def tell_tilt(self, reading: TiltReading) -> None:
+        """A reading of the board's IMU."""
+        stamp = self._node.get_clock().now().to_msg()
+        self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
+
+    def tell_news(self) -> None:
+        """Log what has happened between bridge and board, and once a port what the board cannot be told."""
+        driver = self._session.driver
+        if driver is None:
+            return
+        while driver.takeover.news:
+            self._node.get_logger().warning(driver.takeover.news.popleft())
+        if driver.link is not self._known and driver.holds is not None:
+            self._known = driver.link
+            if not driver.holds:
+                self._node.get_logger().warning(f"{driver.port}: {self._no_hold(driver)}")
+
+    def told_at_stop(self, heeded: bool) -> str:
+        """What an e-stop has told the board, for a sentence; `heeded`: whoever writes packets saw it."""
+        driver = self._session.driver
+        if driver is None or not driver.connected:
+            return "no port is open, and nothing is sent before ~/clear_e_stop"
+        if not heeded:
+            return "but no packet could leave; cut the servos' supply"
+        if driver.holds is None:
+            return "the board has not started yet, and is told no pose before ~/clear_e_stop"
+        held = "the servos hold until ~/clear_e_stop"
+        return held if driver.holds else f"{held}; {self._no_hold(driver)}"
+
+    @staticmethod
+    def _no_hold(driver: ServoDriver) -> str:
+        return (
+            f"the {driver.link_state} protocol has no word to stop: at an e-stop the servos are told their"
+            " pose while the bridge is active, and in silence the board's firmware decides"
+        )
+
+    def diagnose(self) -> None:
+        """One message for people."""
+        if not self._node.context.ok():
+            return
+        status = bridge_status(
+            self._node.get_fully_qualified_name(),
+            self._node.lifecycle_state,
+            self._session.driver,
+            e_stopped=self._e_stop.latched,
+            trouble=self.trouble,
+            reconnects=self.reconnects,
+            calibration=self.calibration,
+            period=self._session.figures(),
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publish(self._diagnostics, message)
+
+    def _sending(self) -> bool:
+        driver = self._session.driver
+        return driver is not None and driver.sending
+
+    def _commanded_by(self) -> str:
+        """The topic whose commands the servos follow now; empty: they hold, rest or are stopped."""
+        driver = self._session.driver
+        follows = driver is not None and driver.sending and driver.motion.mode == "track"
+        return self.source_topic if follows else ""
+
+    def _publish(self, publisher: Publisher, message: Any) -> None:
+        try:
+            if self._node.context.ok():
+                publisher.publish(message)
+        except Exception:
+            if self._node.context.ok():  # else the context went down under the call, at a signal: no fault
+                raise
