@@ -179,7 +179,7 @@ def test_a_name_that_no_file_has_is_one_sentence(tmp_path: Path, parameter: str,
 def test_a_robot_of_an_unknown_user_leaves_the_bridge_unconfigured(start: Starter, client: Any) -> None:
     words = ("-r", "__ns:=/tripod", "-p", "robot:=~nobody_of_this_name/x")
     bridge = start("servo_bridge.bridge_node", "--ros-args", *words)
-    assert not client.transition("configure")
+    assert client.refuses("configure")
     assert bridge.says("nobody_of_this_name")
     assert "a transition failed unexpectedly" not in bridge.output
     assert client.state() == "unconfigured"

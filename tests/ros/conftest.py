@@ -21,7 +21,7 @@ class Robot:
     def trigger(self, name: str) -> tuple[bool, str]:
         from std_srvs.srv import Trigger
 
-        answer = self.client.call(Trigger, f"simulator/{name}", once=name == "step")
+        answer = self.client.call(Trigger, f"simulator/{name}")
         return answer.success, answer.message
 
     def pause(self, paused: bool) -> tuple[bool, str]:

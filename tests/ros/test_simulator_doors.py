@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from node_processes import DEADLINE_S, Client, parameter_words, spin_until
+from node_processes import Client, parameter_words, spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -122,8 +122,7 @@ def create_scene(*_):
     client = Client(ros_domain, "patient")
     try:
         patient = type(tripod)(process, client)
-        setter = client.node.create_client(SetParameters, "simulator/set_parameters")
-        assert setter.wait_for_service(DEADLINE_S)
+        setter = client.service(SetParameters, "simulator/set_parameters")
 
         def wish(robot: str) -> Any:
             message = Parameter("robot", value=robot).to_parameter_msg()
