@@ -8,7 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 DEADLINE_S = 120.0
-"""Longest wait in [s]: a start on a busy machine may compile kernels."""
+"""Longest wait in [s]; the machine may be busy."""
+
+BUILD_S = 300.0
+"""Longest wait in [s] for a robot that starts: its kernels may have to be compiled, on a busy machine."""
 
 
 def spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> bool:

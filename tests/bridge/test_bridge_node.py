@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -38,6 +39,7 @@ def sending(board: VirtualBoard) -> bool:
     return board.wait_for(lambda b: b.accepted >= goal)
 
 
+@pytest.mark.slow
 def test_the_lifecycle_is_closed_then_open_then_sending(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:
@@ -162,7 +164,7 @@ def test_a_signal_ends_in_the_safe_pose_with_exit_code_0(
     assert board.wait_for(at(64, 173, 93))
     bridge.process.send_signal(number)
     bridge.process.send_signal(number)  # an impatient second one changes nothing
-    assert bridge.process.wait(40.0) == 0
+    assert bridge.process.wait(DEADLINE_S) == 0
     assert board.wait_for(lambda b: not b.is_open)
     assert [packet.servo_bytes for packet in board.packets[-3:]] == [REST] * 3
     assert "Traceback" not in bridge.output
@@ -323,5 +325,5 @@ def test_a_parameter_that_cannot_be_used_ends_with_a_sentence(
     start: Starter, arguments: list[str], sentence: str
 ) -> None:
     bridge = start("servo_bridge.bridge_node", "--ros-args", *arguments)
-    assert bridge.process.wait(40.0) == 1
+    assert bridge.process.wait(DEADLINE_S) == 1
     assert sentence in bridge.output

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -59,7 +60,7 @@ def test_on_the_way_to_rest_it_stops_within_one_packet(
     assert client.trigger("servo_bridge/e_stop").success
     stopped = board.packets
     if way_out.startswith("SIG"):
-        assert bridge.process.wait(40.0) == 0
+        assert bridge.process.wait(DEADLINE_S) == 0
     else:
         assert wait_until(answer.done)
         assert answer.result().success

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from bridge_session import spinning
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -148,7 +149,7 @@ def test_two_hundred_thousand_foreign_names_are_one_short_refusal(
 )
 def test_settings_that_make_no_sense_end_with_a_sentence(start: Starter, setting: str, words: str) -> None:
     bridge = start("servo_bridge.bridge_node", "--ros-args", "-r", "__ns:=/x", "-p", setting)
-    assert bridge.process.wait(40.0) == 1
+    assert bridge.process.wait(DEADLINE_S) == 1
     assert words in bridge.output
     assert "Traceback" not in bridge.output
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros, spin_until
+from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros
+from waiting import BUILD_S, spin_until
 
-BUILD_DEADLINE_S = 120.0  # kernels may have to be compiled
 SIMULATOR = "softsim_ros.simulator.simulator_node"
 
 
@@ -90,7 +90,7 @@ def start_robot(start_process: Callable[..., NodeProcess], client: Client) -> Ca
 
     def start(**parameters: Any) -> Robot:
         process = start_process(SIMULATOR, "--ros-args", *parameter_words(**parameters))
-        assert process.says("simulating", BUILD_DEADLINE_S), process.output
+        assert process.says("simulating", BUILD_S), process.output
         return Robot(process, client)
 
     return start

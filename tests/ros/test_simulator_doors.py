@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
@@ -89,7 +90,7 @@ def test_code_of_an_allowed_folder_runs(
         "softsim_ros.simulator.simulator_node",
         *("--ros-args", "-r", "__ns:=/trusting", *parameter_words(robot="held_centre", allow_code=tmp_path)),
     )
-    assert process.says("simulating"), process.output
+    assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "trusting")
     try:
         trusting = type(tripod)(process, client)
@@ -118,7 +119,7 @@ def create_scene(*_):
         "softsim_ros.simulator.simulator_node",
         *("--ros-args", "-r", "__ns:=/patient", *parameter_words(robot="held_centre", allow_code=tmp_path)),
     )
-    assert process.says("simulating"), process.output
+    assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "patient")
     try:
         patient = type(tripod)(process, client)

@@ -62,7 +62,7 @@ class Witness:
         return [(p.name, p.value.double_value) for event in events for p in event.changed_parameters]
 
     def until(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, 60.0)
+        return self._spin_until(condition)
 
     def assert_silence(self, *tuned: tuple[str, float]) -> None:
         """Nothing but what the other program has sent, and parameters that it has set."""
@@ -73,15 +73,20 @@ class Witness:
         assert [*map(len, self._others)] == [0, 0]
 
 
+@pytest.fixture(scope="module")
+def pages(station: tuple[Any, str], browser: Any) -> Iterator[list[BrowserPage]]:
+    """Two browsers at the robot."""
+    opened = [BrowserPage(browser, station[1]) for _ in range(2)]
+    yield opened
+    for page in opened:
+        page.close()
+
+
 @pytest.fixture
-def witness(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool]) -> Iterator[Witness]:
-    robot, address = station
-    pages = [BrowserPage(browser, address) for _ in range(2)]
+def witness(station: tuple[Any, str], pages: list[BrowserPage], spin_until: Callable[..., bool]) -> Witness:
     for page in pages:
         page.wait_for_node(BODY)
-    yield Witness(robot, pages, spin_until)
-    for page in pages:
-        page.close()
+    return Witness(station[0], pages, spin_until)
 
 
 def test_a_page_lets_the_start_animation_and_other_programs_drive(witness: Witness) -> None:
