@@ -48,7 +48,7 @@ esac
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """The files that git knows and those it would take, in a folder of their own; kernels that are compiled."""
+    """The files that git knows and those it would take, in a folder of their own, with compiled kernels."""
     if shutil.which("git") is None or not (REPOSITORY / ".git").exists():
         pytest.skip("no git checkout to take a clean copy of")
     if "/opt/ros/" in os.environ.get("AMENT_PREFIX_PATH", ""):
@@ -110,7 +110,6 @@ def test_one_command_one_address_one_robot(
         stamp = checkout / ".softsim" / "stamp"
         over = lambda: process.poll() is not None  # noqa: E731
         assert spin_until(lambda: stamp.exists() or over(), MADE_WITHIN_S), log.read_text()
-        assert "kernels ready after" in log.read_text()
         ready = time.monotonic()
         assert spin_until(lambda: "open http" in log.read_text() or over(), 120.0), log.read_text()
         told = time.monotonic()
