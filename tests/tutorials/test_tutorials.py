@@ -89,9 +89,6 @@ def test_every_start_version_runs_and_says_what_to_write(start: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", STEP_PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
 def test_every_step_has_a_finished_scene_a_start_version_and_a_picture(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    for part in ("**Goal.**", "**Explore**", "Finished: [", "start: [", "](../pictures/"):
-        assert part in text, part
     targets = [(page.parent / target).resolve() for target in links(page) if "configs/" in target]
     finished = [target for target in targets if target.parent.name == "scenes"]
     assert finished
