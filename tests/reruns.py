@@ -9,8 +9,20 @@ from typing import Any
 import pytest
 
 RERUNS: Mapping[str, str] = {
+    "tests/bridge/test_bridge_protocols.py::test_calibrate_servos_walks_in_a_terminal_and_writes_the_file": (
+        "the board is a thread of the test; paused for more than 0.2 s it is a board that takes no data"
+    ),
+    "tests/firmware/test_end_to_end_soak.py::test_nothing_is_lost_and_nothing_grows": (
+        "needs 48 packets a second of wall time for 20 s; a machine that pauses sends fewer"
+    ),
     "tests/ros/test_bridge_benchmark.py::test_every_command_reaches_the_line_within_two_periods": (
-        "measures 40 ms by the wall clock; a machine that pauses the process for longer is not the bridge"
+        "measures 25 ms by the wall clock; a machine that pauses a process for longer is not the bridge"
+    ),
+    "tests/ros/test_demo_grasp.py::test_the_cube_is_lifted_held_and_put_down": (
+        "the simulation runs as fast as it can; a plan that is late on its way shifts what is measured"
+    ),
+    "tests/ros/test_topics_command.py::test_a_rate_is_measured": (
+        "measures messages a second by the wall clock, of a publisher that the machine may pause"
     ),
 }
 """Why a test may run once more, by its id without parameters."""
