@@ -73,20 +73,15 @@ class Witness:
         assert [*map(len, self._others)] == [0, 0]
 
 
-@pytest.fixture(scope="module")
-def pages(station: tuple[Any, str], browser: Any) -> Iterator[list[BrowserPage]]:
-    """Two browsers at the robot."""
-    opened = [BrowserPage(browser, station[1]) for _ in range(2)]
-    yield opened
-    for page in opened:
-        page.close()
-
-
 @pytest.fixture
-def witness(station: tuple[Any, str], pages: list[BrowserPage], spin_until: Callable[..., bool]) -> Witness:
+def witness(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool]) -> Iterator[Witness]:
+    robot, address = station
+    pages = [BrowserPage(browser, address) for _ in range(2)]
     for page in pages:
         page.wait_for_node(BODY)
-    return Witness(station[0], pages, spin_until)
+    yield Witness(robot, pages, spin_until)
+    for page in pages:
+        page.close()
 
 
 def test_a_page_lets_the_start_animation_and_other_programs_drive(witness: Witness) -> None:
