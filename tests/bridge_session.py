@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from node_processes import Client, ProcessGroup, parameter_words
+from node_processes import Client, ProcessGroup, parameter_words, spin_until
 
 NAMESPACE = "/tripod"
 BRIDGE = "servo_bridge.bridge_node"
-REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured"}
 
 
 class BridgeClient(Client):
@@ -22,18 +21,27 @@ class BridgeClient(Client):
     def __init__(self, domain: int, processes: ProcessGroup | None = None) -> None:
         super().__init__(domain, NAMESPACE, processes)
 
-    def transition(self, label: str) -> bool:
-        """Ask the bridge for a lifecycle transition; whether it succeeded.
+    def transition(self, label: str) -> None:
+        """Have the bridge make a lifecycle transition."""
+        assert self._change(label), f"{label} was refused{self._written}"
 
-        A request that is sent again because its answer was lost is refused; the state tells then.
-        """
+    def refuses(self, label: str) -> bool:
+        """Whether the bridge refuses a lifecycle transition."""
+        return not self._change(label)
+
+    def _change(self, label: str) -> bool:
+        answer = self.ask(label)
+        assert spin_until(answer.done), f"no answer to {label}{self._written}"
+        return bool(answer.result().success)
+
+    def ask(self, label: str) -> Any:
+        """Ask for a lifecycle transition and do not wait; the future answer."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
         number = getattr(Transition, f"TRANSITION_{label.upper()}")
-        request = ChangeState.Request(transition=Transition(id=number))
-        answer = self.call(ChangeState, "servo_bridge/change_state", request)
-        return bool(answer.success) or self.state() == REACHED.get(label, "finalized")
+        service = self.service(ChangeState, "servo_bridge/change_state")
+        return service.call_async(ChangeState.Request(transition=Transition(id=number)))
 
     def state(self) -> str:
         """The bridge's lifecycle state."""

@@ -6,7 +6,6 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -15,20 +14,14 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
-
-PROCESSES = ("attacks", "ros", "bridge", "viewer", "recording", "firmware", "tutorials")
-"""Folders of tests that run several processes against the wall clock."""
+from reruns import RERUNS, Reruns  # noqa: E402
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What a program of the suite handles."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """In CI, a failed test of several processes runs once more: a shared machine may pause any of them."""
-    if os.environ.get("CI") and find_spec("pytest_rerunfailures"):
-        for item in items:
-            if item.path.relative_to(REPOSITORY / "tests").parts[0] in PROCESSES:
-                item.add_marker(pytest.mark.flaky(reruns=1))
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Reruns(RERUNS), "reruns")
 
 
 @pytest.fixture(autouse=True)

@@ -7,29 +7,16 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from introductions import Introductions
+from waiting import DEADLINE_S, spin_until
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-DEADLINE_S = 40.0
-ANSWER_S = 4.0
-
-
-def spin_until(condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> bool:
-    """Look at a condition until it holds; False when the deadline passed first."""
-    end = time.monotonic() + deadline_s
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        threading.Event().wait(0.005)
-    return True
-
 
 domain_guards: list[int] = []
 """File descriptors of the ports that stand for the ROS domains of the running test."""
@@ -155,6 +142,7 @@ class Client:
         self._processes = processes
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
+        self._introductions = Introductions(self.node)
 
     def collect(self, message_type: Any, topic: str, qos: Any = 200, *, raw: bool = False) -> list[Any]:
         """A list that grows with every message of a topic from now on."""
@@ -176,42 +164,31 @@ class Client:
         self._publishers[topic].publish(message)
 
     def _wait_for_listener(self, publisher: Any) -> None:
-        spin_until(lambda: publisher.get_subscription_count() > 0)
-        written = "" if self._processes is None else self._processes.output
-        assert publisher.get_subscription_count() > 0, f"nobody listens on {publisher.topic}\n{written}"
+        heard = spin_until(lambda: publisher.get_subscription_count() > 0)
+        assert heard, f"nobody listens on {publisher.topic}{self._written}"
 
-    def call(self, service_type: Any, name: str, request: Any | None = None, *, once: bool = False) -> Any:
-        """The answer of a service.
+    @property
+    def _written(self) -> str:
+        """What those it talks to have written, below a line."""
+        return "" if self._processes is None else f"\n{self._processes.output}"
 
-        A service that has not found the reply reader of a new client yet loses its answer: the request is
-        sent again after a while, unless it may only be carried out `once`.
-        """
+    def call(self, service_type: Any, name: str, request: Any | None = None) -> Any:
+        """The answer of a service, which is asked once."""
+        future = self.service(service_type, name).call_async(request or service_type.Request())
+        assert spin_until(future.done), f"no answer from {name}{self._written}"
+        return future.result()
+
+    def service(self, service_type: Any, name: str) -> Any:
+        """A client of a service that is there, whose process has found this one."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service_type, name)
-        client = self._clients[name]
-        assert client.wait_for_service(DEADLINE_S), f"no service {name}"
-        request = request or service_type.Request()
-        futures = [client.call_async(request)]
-        patience = DEADLINE_S if once else ANSWER_S
-        while not spin_until(lambda: any(each.done() for each in futures), patience):
-            assert len(futures) * patience < DEADLINE_S, f"no answer from {name}"
-            futures.append(client.call_async(request))
-        return next(each.result() for each in futures if each.done())
+        assert self._clients[name].wait_for_service(DEADLINE_S), f"no service {name}{self._written}"
+        self._introductions.wait(self.node.resolve_service_name(name))
+        return self._clients[name]
 
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
         """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
-        from rclpy.node import NodeNameNonExistentError
-
-        graph = self.node
-        ask = (
-            graph.get_service_names_and_types_by_node
-            if services
-            else graph.get_publisher_names_and_types_by_node
-        )
-        try:
-            return dict(ask(node, namespace))
-        except NodeNameNonExistentError:  # not discovered yet
-            return {}
+        return self._introductions.offered(node, namespace, services=services)
 
     def close(self) -> None:
         self._spinner.close()

@@ -19,9 +19,9 @@ from types import TracebackType
 from typing import Any
 
 from node_processes import domain_guards, hears_hang_up
+from waiting import BUILD_S
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-DEADLINE_S = 90.0  # the first start of a robot on a machine compiles kernels
 
 _SEQUENCE = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]")
 
@@ -109,7 +109,7 @@ class TerminalSession:
 
     def wait_until(self, condition: Callable[[], bool]) -> bool:
         """Wait for a condition; False when the deadline passed."""
-        end = time.monotonic() + DEADLINE_S
+        end = time.monotonic() + BUILD_S
         while not condition():
             if time.monotonic() > end:
                 return False
@@ -130,7 +130,7 @@ class TerminalSession:
 
     def wait(self) -> int:
         """Wait for the program's end; returns its exit code (negative: killed by that signal)."""
-        code = self.process.wait(DEADLINE_S)
+        code = self.process.wait(BUILD_S)
         self._closed.wait(0.1)  # the last output is on its way
         return code
 

@@ -29,7 +29,7 @@ def command(arguments: argparse.Namespace, root: Path) -> list[str]:
     words = [sys.executable, "-m", "pytest", f"--rootdir={root}", "-c", str(root / "pyproject.toml")]
     words += ["-n", arguments.workers, "--dist=loadfile"]
     if arguments.quick:
-        words += ["-m", "not slow"]
+        words += ["-m", "not slow and not exhaustive"]
     timeout = shutil.which("timeout")
     limit = [timeout, "--foreground", "-k", "30", str(LIMIT_S[arguments.quick])] if timeout else []
     return [*limit, *words, *arguments.rest]

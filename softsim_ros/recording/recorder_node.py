@@ -140,7 +140,10 @@ class Recorder(ClosableNode):
         """
         if self._bag is None:
             raise RecordingError("nothing is being recorded")
+        self._take_what_waits()
         bag, self._bag = self._bag, None
+        if bag is None:  # the disk took no more of it
+            raise self.failure or RecordingError("nothing is being recorded")
         for subscription, _ in self._heard.values():
             self.destroy_subscription(subscription)
         self._heard.clear()
@@ -212,6 +215,15 @@ class Recorder(ClosableNode):
             self._bag.write(topic, time.time_ns(), data)
         except RecordingError as error:
             self._failed(error)
+
+    def _take_what_waits(self) -> None:
+        """Record the messages that have come and wait for the executor."""
+        for subscription, _ in self._heard.values() if self.context.ok() else ():
+            for _ in range(DEPTH):
+                taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                subscription.callback(taken[0])
 
     # --- limits and ends ------------------------------------------------------------------------------
 

@@ -65,6 +65,7 @@ def test_the_ball_rests_in_the_hole(simulation: Simulation) -> None:
     assert contacts.gaps.min() > -CONTACT
 
 
+@pytest.mark.slow
 def test_the_ball_follows_the_plate(simulation: Simulation) -> None:
     for pose, height in (("mid", 0.05), ("high", 0.06), ("start", 0.035)):
         simulation.command(simulation.robot.poses[pose])
@@ -99,7 +100,7 @@ def test_the_ball_comes_to_lie_on_the_table(simulation: Simulation) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("angle", [-2.0225, -3.0])
+@pytest.mark.parametrize("angle", [-2.0225, pytest.param(-3.0, marks=pytest.mark.exhaustive)])
 def test_the_silicone_does_not_pass_through_the_servo_tops(simulation: Simulation, angle: float) -> None:
     simulation.enforce_limits = angle >= -2.0225
     simulation.command([angle] * 3)
@@ -142,6 +143,7 @@ def test_the_tops_move_in_with_the_servos() -> None:
         assert np.linalg.norm(middle[:2]) == pytest.approx(0.025)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_twice(simulation: Simulation) -> None:
     before, states = simulation.snapshot(), []
     for _ in range(2):

@@ -31,6 +31,7 @@ def tip_goal(travels: tuple[float, ...]) -> Pose:
     return pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("travels", [(0.006, 0.004, 0.003), (0.008, 0.003, 0.003)])
 def test_sensitivity_is_that_of_equilibria(travels: tuple[float, ...]) -> None:
     sim = finger()

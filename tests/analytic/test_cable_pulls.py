@@ -79,6 +79,7 @@ def test_the_position_of_a_cable_is_how_much_shorter_it_is(command: float, backe
     assert still.joint_positions[0] == pytest.approx(sim.joint_positions[0], abs=1e-7)
 
 
+@pytest.mark.slow
 def test_both_steps_agree_with_a_cable() -> None:
     pytest.importorskip("numba")
     scene = bent_bar(cable_joint(pull_point=(-0.02, 0.0, 0.006)), tip=True)

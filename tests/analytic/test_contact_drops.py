@@ -125,8 +125,9 @@ def test_a_cube_stops_at_the_contact_distance(kind: str, height: float, seed: in
 @pytest.mark.slow
 @pytest.mark.parametrize("height", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize("kind", ["soft30", "soft10", "rigid"])
-def test_no_cube_ever_sinks_in(kind: str, height: float) -> None:
-    for seed in range(20):
+@pytest.mark.parametrize("seeds", [4, pytest.param(20, marks=pytest.mark.exhaustive)])
+def test_no_cube_ever_sinks_in(kind: str, height: float, seeds: int) -> None:
+    for seed in range(seeds):
         assert watch(dropped(kind, seed, height), height) > DISTANCE - EXACT
 
 
@@ -135,7 +136,7 @@ def test_no_cube_ever_sinks_in(kind: str, height: float) -> None:
 @pytest.mark.parametrize("dt", [0.005, 0.02])
 @pytest.mark.parametrize("kind", ["soft30", "rigid"])
 def test_neither_step_nor_friction_matter(kind: str, dt: float, friction: float) -> None:
-    for seed in (200, 201):
+    for seed in (200,):
         watch(dropped(kind, seed, 0.3, dt=dt, friction=friction), 0.3)
 
 

@@ -130,6 +130,7 @@ def test_contacts_turn_with_the_bodies(turn, seed) -> None:
     np.testing.assert_allclose(turned.normal, near.normal @ matrix.T, atol=1e-7)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(seeds)
 def test_the_trees_follow_a_deformation(seed) -> None:

@@ -201,6 +201,7 @@ def test_clamped_tangent_takes_negative_eigenvalues_of_the_hessian_as_zero(stret
     np.testing.assert_allclose(clamped, expected, atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.numba
 @pytest.mark.parametrize("way", ["clamped", "exact", "frozen"])
 def test_compiled_elements_are_those_of_numpy(way: str) -> None:

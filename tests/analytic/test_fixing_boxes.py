@@ -13,8 +13,7 @@ from softsim_core.scene.regions import nodes_in
 SIZE = [0.020, 0.030, 0.030]
 
 
-@pytest.mark.parametrize("arm_deg", [60.0, 180.0, 300.0])
-@pytest.mark.parametrize("turn_deg", [0.0, 30.0])
+@pytest.mark.parametrize(("arm_deg", "turn_deg"), [(60.0, 0.0), (180.0, 30.0), (300.0, 0.0)])
 def test_each_arm_can_be_held_by_a_moved_and_turned_box(arm_deg: float, turn_deg: float) -> None:
     arm = math.radians(arm_deg)
     center = [0.035 * math.cos(arm), 0.035 * math.sin(arm), 0.0]
@@ -26,7 +25,7 @@ def test_each_arm_can_be_held_by_a_moved_and_turned_box(arm_deg: float, turn_deg
     assert asked is not None
     held = nodes_in(asked, rest)
     assert 0 < len(held) < len(rest)
-    for _ in range(30):
+    for _ in range(15):
         simulation.step()
     drop = rest[:, 2] - simulation.positions[:, 2]
     assert drop[held] == pytest.approx(0.0, abs=1e-12)

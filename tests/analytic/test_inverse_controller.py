@@ -212,6 +212,7 @@ def test_when_the_goal_stops_the_command_is_held(controller: InverseController) 
         np.testing.assert_array_equal(report.command, held)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["orientation", "height_tilt", "pose"])
 def test_other_tasks_settle_and_speak_in_their_units(kind: str) -> None:
     settings = InverseSettings(task=kind)  # type: ignore[arg-type]
@@ -276,6 +277,7 @@ def test_a_torque_limit_is_kept_and_named() -> None:
     assert any(name.endswith(" torque") for name in report.active)
 
 
+@pytest.mark.slow
 def test_a_torque_that_no_pose_near_allows_moves_towards_it_within_the_limits() -> None:
     controller = InverseController(load_scene("tripod", kind="robots"), InverseSettings(torque_limit=0.05))
     controller.start(START, SHIFT)

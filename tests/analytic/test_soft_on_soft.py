@@ -15,6 +15,7 @@ GAP = 0.002
 """Of each block to what is below it at the start, in [m]: it falls by 1 mm."""
 
 
+@pytest.mark.slow
 def test_a_soft_block_rests_on_a_softer_one() -> None:
     low = box_mesh((0.05, 0.05, 0.02), (4, 4, 2), (-0.025, -0.025, GAP))
     high = box_mesh((0.03, 0.03, 0.02), (3, 3, 2), (-0.013, -0.016, 2.0 * GAP + 0.02))

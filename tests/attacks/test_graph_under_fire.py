@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -250,7 +251,7 @@ def test_a_watched_process_tells_what_it_opens(
     monkeypatch.setenv("PYTHONPATH", str(REPOSITORY / "tests" / "attacks" / "audit"))
     monkeypatch.setenv("AUDIT_LOG", str(audit))
     process = NodeProcess("tokenize", (str(bait.folder / "scene.py"),), tmp_path / "log.txt")
-    assert process.process.wait(30) == 0
+    assert process.process.wait(DEADLINE_S) == 0
     assert any("scene.py" in line for lines in opened(audit).values() for line in lines)
 
 

@@ -122,7 +122,7 @@ def test_a_demanded_protocol_that_is_absent_is_a_sentence(
 ) -> None:
     with VirtualBoard(link=tmp_path / "plain") as plain:
         bridge = start_bridge(port=plain.port, protocol="extended", open_wait_s=0.0)
-        assert client.transition("configure")
+        client.transition("configure")
         assert bridge.says("no board of the extended protocol answered")
         assert plain.received == 0
 
@@ -241,6 +241,6 @@ def test_an_unknown_protocol_leaves_the_bridge_unconfigured_with_a_sentence(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:
     bridge = start_bridge(protocol="morse")
-    assert not client.transition("configure")
+    assert client.refuses("configure")
     assert bridge.says("no board protocol is named 'morse'; known: auto, ascii_imu, extended, legacy")
     assert board.received == 0

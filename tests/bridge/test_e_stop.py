@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
 from servo_bridge.virtual_board import VirtualBoard
 
@@ -22,14 +22,6 @@ REST = (150, 150, 150)
 FAR = (64, 64, 64)
 COMMANDS = "position_controller/commands"
 Starter = Callable[..., Any]
-
-
-def ask(client: Any, label: str) -> Any:
-    """Ask for a transition and do not wait; the future answer."""
-    service = client.node.create_client(ChangeState, "servo_bridge/change_state")
-    assert service.wait_for_service(40.0)
-    number = getattr(Transition, f"TRANSITION_{label.upper()}")
-    return service.call_async(ChangeState.Request(transition=Transition(id=number)))
 
 
 def drive_far(client: Any, board: VirtualBoard, stream: Starter) -> None:
@@ -58,17 +50,17 @@ def test_on_the_way_to_rest_it_stops_within_one_packet(
     message = Float64MultiArray(data=[-1.0] * 3)
     stream(client.publisher(Float64MultiArray, COMMANDS), message)
     assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
-    assert client.trigger("servo_bridge/clear_e_stop").success  # both ends of the service know each other
+    client.service(Trigger, "servo_bridge/e_stop")  # found before the bridge has no time for anything else
     board.clear()
     if way_out.startswith("SIG"):
         bridge.process.send_signal(getattr(signal, way_out))
     else:
-        answer = ask(client, way_out)
+        answer = client.ask(way_out)
     assert board.wait_for(lambda b: b.servo_bytes is not None and 124 <= b.servo_bytes[0] <= 130)
     assert client.trigger("servo_bridge/e_stop").success
     stopped = board.packets
     if way_out.startswith("SIG"):
-        assert bridge.process.wait(40.0) == 0
+        assert bridge.process.wait(DEADLINE_S) == 0
     else:
         assert wait_until(answer.done)
         assert answer.result().success
@@ -86,7 +78,7 @@ def test_it_is_answered_while_a_robot_is_loaded(
     robot.write_text(f"open({str(gate)!r}).read()\nraise LookupError('no robot here')\n")
     bridge = start_bridge(robot=robot)
     gate.open("w").close()  # the bridge reads the robot's name before it is a node
-    answer = ask(client, "configure")
+    answer = client.ask("configure")
     with gate.open("w"):  # opens as soon as the robot's file reads from it
         assert client.trigger("servo_bridge/e_stop").success
         assert not answer.done()

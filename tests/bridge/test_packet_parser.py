@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -55,6 +56,7 @@ def test_a_reset_forgets_the_packet_begun() -> None:
     assert parser.feed(POSE[3:], 0.001) == []
 
 
+@pytest.mark.slow
 @settings(derandomize=True, max_examples=300)
 @given(st.binary(max_size=200), st.integers(1, 8))
 def test_noise_never_gives_a_byte_out_of_range(noise: bytes, servo_count: int) -> None:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -69,7 +70,7 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
             stream = Stream(publisher, Float64MultiArray(data=angles))
             assert board.wait_for(lambda each: each.widths_us() == pytest.approx(widths, abs=1.5))
             process.send_signal(signal.SIGINT)
-            assert process.wait(40.0) == 0
+            assert process.wait(DEADLINE_S) == 0
         finally:
             process.kill()
             process.wait()

@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from waiting import BUILD_S, DEADLINE_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = {"softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "softsim_bringup"}
@@ -128,7 +129,7 @@ def test_configs_are_found_from_elsewhere(workspace: Path, tmp_path: Path) -> No
         env=plain_environment(tmp_path),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=DEADLINE_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -172,12 +173,12 @@ def test_nodes_run_from_elsewhere_and_end_in_order(
             start_new_session=True,
         )
     try:
-        end = time.monotonic() + 120
+        end = time.monotonic() + BUILD_S
         while says not in output.read_text() and process.poll() is None and time.monotonic() < end:
             threading.Event().wait(0.05)
         assert says in output.read_text(), output.read_text()
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0, output.read_text()
+        assert process.wait(DEADLINE_S) == 0, output.read_text()
         assert "Traceback" not in output.read_text()
     finally:
         if process.poll() is None:
@@ -193,7 +194,7 @@ def test_the_teleop_refuses_without_a_terminal(workspace: Path, tmp_path: Path, 
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=DEADLINE_S,
         start_new_session=True,
         check=False,
     )

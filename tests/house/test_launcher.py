@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from waiting import DEADLINE_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TOOLS = ("sh", "cat", "cksum", "dirname", "readlink", "head", "printf")  # of every POSIX system
@@ -217,7 +218,7 @@ def test_an_interrupted_install_is_mended(installable: Machine, number: signal.S
     with installable.start_in_background() as first:
         wait_until(lambda: uv_calls(installable) >= 2)
         os.killpg(first.pid, number)
-        _, error = first.communicate(timeout=20)
+        _, error = first.communicate(timeout=DEADLINE_S)
     if number is not signal.SIGKILL:
         assert "interrupted; the next start begins again" in error
     (installable.folder / "hang").unlink()
@@ -233,7 +234,7 @@ def test_two_at_once_install_once(installable: Machine) -> None:
             assert second.stderr is not None
             said = second.stderr.readline()
             (installable.folder / "hang").unlink()
-            outputs = [first.communicate(timeout=20)[0], second.communicate(timeout=20)[0]]
+            outputs = [first.communicate(timeout=DEADLINE_S)[0], second.communicate(timeout=DEADLINE_S)[0]]
     assert "another terminal is making the environment" in said
     assert outputs == ["hello from hello\n", "hello from hello\n"]
     assert uv_calls(installable) == 3  # one environment, two installs into it

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from softsim_ros.launch_plan import Wishes, plan
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 WORKSPACE = REPOSITORY / "ros2_ws" / "src"
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
@@ -77,11 +79,11 @@ def test_the_workspace_links_to_the_packages(package: str) -> None:
     assert link.resolve() == REPOSITORY / package
 
 
-def test_what_a_launch_starts_is_named_in_package_xml() -> None:
+def test_what_a_launch_starts_is_named_in_package_xml(tmp_path: Path) -> None:
     root = ElementTree.parse(WORKSPACE / "softsim_bringup" / "package.xml").getroot()
     declared = {element.text for element in root.iter("exec_depend")}
-    plan = (REPOSITORY / "softsim_ros" / "launch_plan.py").read_text()
-    started = set(re.findall(r'PlannedNode\(\s*"([a-z0-9_]+)"', plan))
+    everything = Wishes(inverse="true", viewer="true", control="true", rviz="true")
+    started = {node.package for node in plan(everything, tmp_path).nodes}
     assert {"softsim_ros", "servo_bridge", "controller_manager", "rviz2"} <= started <= declared
     files = (WORKSPACE / "softsim_bringup" / "launch").glob("*.py")
     modules = {

@@ -64,7 +64,7 @@ def finger(
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:body")
-@pytest.mark.parametrize("backend", ["scipy", "numba"])
+@pytest.mark.parametrize("backend", [pytest.param("scipy", marks=pytest.mark.exhaustive), "numba"])
 def test_the_finger_bends_as_in_the_reference_simulator(reference_dir: Path, backend: Backend) -> None:
     if backend == "numba":
         pytest.importorskip("numba")

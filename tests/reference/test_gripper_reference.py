@@ -26,7 +26,6 @@ from softsim_core.scene.objects import CollisionDescription
 from softsim_core.values import Box, MeshFile, Placement
 
 MILLIMETRES = Placement(scale=1e-3)
-RANDOM_STEPS = 10_000
 
 
 @pytest.fixture(autouse=True)
@@ -99,12 +98,13 @@ def test_notch_walls_touch_and_do_not_cross_at_full_pull(
 
 
 @pytest.mark.slow
-def test_random_commands_on_the_gripper_are_solved_and_end_finite() -> None:
+@pytest.mark.parametrize("steps", [1500, pytest.param(10_000, marks=pytest.mark.exhaustive)])
+def test_random_commands_on_the_gripper_are_solved_and_end_finite(steps: int) -> None:
     sim = Simulation(load_scene("cable_gripper", kind="robots"))
     random = np.random.default_rng(11)
     low = np.array([0.0, 0.0, 0.0, -0.055, -0.05])
     high = np.array([0.035, 0.035, 0.035, 0.05, 0.05])
-    for step in range(RANDOM_STEPS):
+    for step in range(steps):
         if step % 25 == 0:
             sim.command(random.uniform(low, high))
         sim.step()

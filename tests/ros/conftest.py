@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros, spin_until
+from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros
+from waiting import BUILD_S, spin_until
 
-BUILD_DEADLINE_S = 120.0  # kernels may have to be compiled
 SIMULATOR = "softsim_ros.simulator.simulator_node"
 
 
@@ -21,7 +21,7 @@ class Robot:
     def trigger(self, name: str) -> tuple[bool, str]:
         from std_srvs.srv import Trigger
 
-        answer = self.client.call(Trigger, f"simulator/{name}", once=name == "step")
+        answer = self.client.call(Trigger, f"simulator/{name}")
         return answer.success, answer.message
 
     def pause(self, paused: bool) -> tuple[bool, str]:
@@ -90,7 +90,7 @@ def start_robot(start_process: Callable[..., NodeProcess], client: Client) -> Ca
 
     def start(**parameters: Any) -> Robot:
         process = start_process(SIMULATOR, "--ros-args", *parameter_words(**parameters))
-        assert process.says("simulating", BUILD_DEADLINE_S), process.output
+        assert process.says("simulating", BUILD_S), process.output
         return Robot(process, client)
 
     return start

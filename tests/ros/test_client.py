@@ -36,7 +36,7 @@ def test_the_example_runs_as_it_stands(tripod: Any) -> None:
         env=None,
         capture_output=True,
         text=True,
-        timeout=60.0,
+        timeout=180.0,
         check=False,
     )
     assert run.returncode == 0, run.stderr

@@ -22,7 +22,7 @@ def run_demo(*arguments: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "softsim_ros.cli", "demo", "grasp", "--speed", "0", *arguments],
         capture_output=True,
         text=True,
-        timeout=400.0,
+        timeout=900.0,
         check=False,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
     )
@@ -56,6 +56,7 @@ def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None
     assert replace(good, **changed).passed is passes
 
 
+@pytest.mark.exhaustive
 def test_without_friction_the_check_misses(ros_domain: int, tmp_path: Path) -> None:
     slippery = tmp_path / "slippery.yaml"
     robot = REPOSITORY / "configs" / "robots" / "cable_gripper.yaml"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
@@ -18,8 +19,6 @@ from shape_msgs.msg import Mesh
 
 from softsim_core import load_scene
 from softsim_ros.simulator.scene_files import SceneFiles, files_of
-
-READY_S = 60.0
 
 
 def tripod_yaml() -> Path:
@@ -84,7 +83,7 @@ class Watched:
         self._reports = robot.client.collect(DiagnosticArray, "/diagnostics")
 
     def until(self, condition: Callable[[], Any]) -> bool:
-        return bool(self.spin_until(condition, READY_S))
+        return bool(self.spin_until(condition, BUILD_S))
 
     @property
     def report(self) -> DiagnosticStatus:
@@ -158,9 +157,9 @@ def test_up_watches_its_scene(start_process: Any, tmp_path: Path) -> None:
     up = start_process(
         "softsim_ros.cli", "up", str(file), "--watch", "--no-bridge", "--no-viewer", "--headless"
     )
-    assert up.says("/other  running", READY_S), up.output
+    assert up.says("/other  running", BUILD_S), up.output
     save(file, "nonsense: 1\n")
-    assert up.says("scene not loaded: ", READY_S), up.output
+    assert up.says("scene not loaded: ", BUILD_S), up.output
     save(file, SCENE.format(base=tripod_yaml(), young=2.0e5).replace("name: tripod", "name: other", 1))
-    assert up.says(f"loaded {file}", READY_S), up.output
+    assert up.says(f"loaded {file}", BUILD_S), up.output
     assert up.end() == 0

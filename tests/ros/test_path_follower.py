@@ -248,6 +248,7 @@ def test_wrong_files_are_one_sentence(start_follower: Any, spin_until: Any) -> N
     assert spin_until(lambda: bench.tells(file="circle"))
 
 
+@pytest.mark.slow
 def test_its_robot_stays_the_same(start_follower: Any) -> None:
     follower = start_follower(None).follower
     assert not follower.set_parameters([Parameter("robot", value="cable_gripper")])[0].successful

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 pytest.importorskip("daqp")
@@ -42,6 +42,12 @@ class Plate:
     def tilts(self) -> np.ndarray:
         return tilts_in(self.poses[-1])
 
+    def stays_at(self, tilts: list[float]) -> bool:
+        """Whether it has been there for a second of the simulation."""
+        return len(self.poses) > 100 and all(
+            np.abs(tilts_in(each) - tilts).max() < 2e-3 for each in self.poses[-100:]
+        )
+
     def start_pose(self) -> None:
         assert self.tripod.trigger("start")[0]
         assert self.spin_until(lambda: self.states and self.states[-1].position[0] < -1.49)
@@ -66,7 +72,7 @@ def tilts_in(message: PoseStamped) -> np.ndarray:
 @pytest.fixture(scope="module")
 def controller(start_process: Callable[..., Any], running_tripod: Any) -> Any:
     process = start_process("softsim_ros.inverse.inverse_node")
-    assert process.says("ready to control", 180.0), process.output
+    assert process.says("ready to control", BUILD_S), process.output
     return process
 
 
@@ -120,13 +126,15 @@ def test_the_plate_follows_a_maze_plan(plate: Plate, start_node: Callable[..., A
     seen: list[np.ndarray] = []
 
     def look() -> bool:
-        if goals:
-            seen.append(plate.tilts - tilts_in(goals[-1]))
+        seen.append(plate.tilts)
         return bool(progress) and progress[-1].data == 100.0
 
     assert plate.client.call(Trigger, "path_follower/start").success
     assert plate.spin_until(look), follower.output
-    assert np.abs(seen).mean() < 0.1  # on the way, at 1.2 rad/s; a plate that stays level has 0.17
+    wanted = np.array([tilts_in(goal) for goal in goals])
+    assert np.linalg.norm(wanted, axis=1).max() > 0.4
+    missed = np.linalg.norm(np.array(seen)[:, None] - wanted, axis=2).min(axis=0)
+    assert missed.max() < 0.3  # at 1.2 rad/s it cuts corners, on a busy machine more
     assert plate.spin_until(lambda: np.abs(plate.tilts - [0.1, 0.2]).max() < 2e-3), plate.tilts
     assert plate.spin_until(lambda: abs(plate.poses[-1].pose.position.z - 0.05) < 2e-4)
     assert follower.end() == 0
@@ -149,14 +157,11 @@ def test_the_loop_closes_on_the_robot(
     reference.header.frame_id = "world"
     reference.vector.x, reference.vector.y = 0.15, -0.1
     plate.client.publish("tilt_reference", reference)
-    assert plate.spin_until(lambda: np.abs(plate.tilts - [0.15, -0.1]).max() < 2e-3), plate.tilts
-    reached = time.monotonic()
-    plate.spin_until(lambda: time.monotonic() - reached > 1.0)  # and it stays there
-    assert np.abs(plate.tilts - [0.15, -0.1]).max() < 2e-3, plate.tilts
+    assert plate.spin_until(lambda: plate.stays_at([0.15, -0.1])), plate.tilts
     assert plate.switch("closed_loop/enable", False)[0]
     assert loop.end() == 0
     record = read_closed_loop_log(file)
-    assert len(record.time) > 50
+    assert len(record.time) > 10
     rows = zip(record.reference, record.measure, record.elapsed, strict=True)
     controller = TiltController()
     assert np.array_equal([controller.update(*row) for row in rows], record.command)

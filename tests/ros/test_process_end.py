@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
-from node_processes import DEADLINE_S, NodeProcess, ProcessGroup, spin_until
+from node_processes import NodeProcess, ProcessGroup, spin_until
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

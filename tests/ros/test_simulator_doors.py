@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from node_processes import DEADLINE_S, Client, parameter_words, spin_until
+from node_processes import Client, parameter_words, spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -89,7 +90,7 @@ def test_code_of_an_allowed_folder_runs(
         "softsim_ros.simulator.simulator_node",
         *("--ros-args", "-r", "__ns:=/trusting", *parameter_words(robot="held_centre", allow_code=tmp_path)),
     )
-    assert process.says("simulating"), process.output
+    assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "trusting")
     try:
         trusting = type(tripod)(process, client)
@@ -118,12 +119,11 @@ def create_scene(*_):
         "softsim_ros.simulator.simulator_node",
         *("--ros-args", "-r", "__ns:=/patient", *parameter_words(robot="held_centre", allow_code=tmp_path)),
     )
-    assert process.says("simulating"), process.output
+    assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "patient")
     try:
         patient = type(tripod)(process, client)
-        setter = client.node.create_client(SetParameters, "simulator/set_parameters")
-        assert setter.wait_for_service(DEADLINE_S)
+        setter = client.service(SetParameters, "simulator/set_parameters")
 
         def wish(robot: str) -> Any:
             message = Parameter("robot", value=robot).to_parameter_msg()

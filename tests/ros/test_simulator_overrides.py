@@ -26,7 +26,7 @@ def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_unt
     states = robot.client.collect(JointState, "joint_states")
 
     def until(condition: Any) -> bool:
-        return bool(spin_until(condition, 60.0))
+        return bool(spin_until(condition))
 
     assert until(lambda: structures and frames)
     begun = json.loads(structures[-1].data)

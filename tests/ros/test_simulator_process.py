@@ -6,6 +6,7 @@ import signal
 from typing import Any
 
 import pytest
+from waiting import BUILD_S, DEADLINE_S
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -15,11 +16,10 @@ from sensor_msgs.msg import JointState  # noqa: E402
 SIMULATOR = "softsim_ros.simulator.simulator_node"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("moment", ["building", "simulating"])
+@pytest.mark.parametrize(("moment", "number"), [("building", signal.SIGINT), ("simulating", signal.SIGTERM)])
 def test_signals_end_it_cleanly(start_process: Any, number: signal.Signals, moment: str) -> None:
     process = start_process(SIMULATOR)
-    assert process.says(moment), process.output
+    assert process.says(moment, BUILD_S), process.output
     assert process.end(number) == 0, process.output
     assert "Traceback" not in process.output
     assert "rror" not in process.output
@@ -33,17 +33,12 @@ def test_signals_end_it_cleanly(start_process: Any, number: signal.Signals, mome
             ("-p", "backend:=cuda"),
             "parameter backend = 'cuda' is refused; allowed is one of: auto, numba, scipy",
         ),
-        (("-p", "young_modulus:=-5.0"), "parameter young_modulus is refused; allowed is a number from 1"),
-        (
-            ("-p", "young_modulus:=5"),
-            "parameter young_modulus has the wrong type; allowed is a number from 1",
-        ),
         (("-p", "nonsense"), "nonsense"),
     ],
 )
 def test_a_wrong_start_is_one_sentence(start_process: Any, arguments: tuple[str, ...], sentence: str) -> None:
     process = start_process(SIMULATOR, "--ros-args", *arguments)
-    assert process.process.wait(20.0) == 1, process.output
+    assert process.process.wait(DEADLINE_S) == 1, process.output
     lines = [line for line in process.output.splitlines() if "[INFO]" not in line and "[rcl]" not in line]
     assert len(lines) == 1, process.output
     assert sentence in lines[0]
@@ -52,7 +47,7 @@ def test_a_wrong_start_is_one_sentence(start_process: Any, arguments: tuple[str,
 def test_after_kill_nine_it_starts_again(start_robot: Any, spin_until: Any) -> None:
     first = start_robot()
     first.process.process.kill()
-    assert first.process.process.wait(20.0) == -signal.SIGKILL
+    assert first.process.process.wait(DEADLINE_S) == -signal.SIGKILL
     second = start_robot()
     states = second.client.collect(JointState, "joint_states")
 
@@ -68,6 +63,6 @@ def test_the_namespace_is_the_robots_name_unless_given(
     start_process: Any, client: Any, spin_until: Any
 ) -> None:
     process = start_process(SIMULATOR, "--ros-args", "-r", "__ns:=/left", "-p", "robot:=parts/servo")
-    assert process.says("simulating servo"), process.output
+    assert process.says("simulating servo", BUILD_S), process.output
     assert spin_until(lambda: ("simulator", "/left") in client.node.get_node_names_and_namespaces())
     assert process.end() == 0

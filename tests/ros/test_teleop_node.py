@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from terminal_session import DEADLINE_S, REPOSITORY, TerminalSession
+from terminal_session import REPOSITORY, TerminalSession
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -130,6 +131,7 @@ STEPS = [  # every key in the forms a terminal may send, and the joint it moves
 ]
 
 
+@pytest.mark.slow
 def test_typed_keys_become_commands(robot: Robot, teleop: TerminalSession) -> None:
     expected = list(START)
     for count, (keys, joint, step) in enumerate(STEPS, 1):

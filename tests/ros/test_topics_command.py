@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -50,7 +51,7 @@ def topics(*words: str) -> subprocess.CompletedProcess[str]:
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=180,
         check=False,
     )
 
@@ -62,7 +63,7 @@ def source(ros_domain: int) -> Iterator[None]:
         assert process.stdout.readline() == "ready\n"
         yield
         process.send_signal(signal.SIGINT)
-        process.wait(15)
+        process.wait(DEADLINE_S)
 
 
 @pytest.mark.usefixtures("source")

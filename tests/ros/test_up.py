@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from terminal_session import REPOSITORY, TerminalSession
+from waiting import BUILD_S, DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -22,7 +23,6 @@ from servo_bridge.virtual_board import VirtualBoard
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 
 UP = [sys.executable, "-m", "softsim_ros.cli", "up", "tripod", "--no-viewer"]
-READY_S = 90.0  # the first start on a machine compiles kernels
 START, MID, HIGH = (93, 93, 93), (119, 119, 119), (134, 134, 134)  # keys A, Q, Z
 GOAL_Z = 27.6  # mm, height of the effector in the start pose
 
@@ -32,7 +32,7 @@ def own_runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
-def wait_until(condition: Callable[[], object], what: Callable[[], str], seconds: float = READY_S) -> None:
+def wait_until(condition: Callable[[], object], what: Callable[[], str], seconds: float = BUILD_S) -> None:
     """Poll a condition that has no event of its own."""
     end = time.monotonic() + seconds
     while not condition():
@@ -69,7 +69,7 @@ class Background:
 
     def end(self, number: signal.Signals) -> int:
         self.process.send_signal(number)
-        return self.process.wait(20)
+        return self.process.wait(DEADLINE_S)
 
 
 @pytest.fixture
@@ -133,7 +133,7 @@ def test_a_second_one_is_refused_and_may_take_another_name(start: Callable[..., 
     first = start()
     first.wait_for("bridge inactive")
     second = start()
-    assert second.process.wait(30) == 1
+    assert second.process.wait(DEADLINE_S) == 1
     assert re.search(
         rf"/tripod is up already \(process {first.process.pid}\).*--namespace tripod_2", second.text
     )
@@ -154,7 +154,7 @@ def test_a_killed_one_leaves_its_name_free(start: Callable[..., Background]) -> 
 
 def test_an_unknown_robot_is_one_sentence(start: Callable[..., Background]) -> None:
     up = start("--mesh", "nonsense")
-    assert up.process.wait(30) == 1
+    assert up.process.wait(DEADLINE_S) == 1
     assert "tripod_nonsense" in up.text
     assert "known: " in up.text
     assert "Traceback" not in up.text

@@ -17,6 +17,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from waiting import BUILD_S, DEADLINE_S
 
 sys.path.append(str(Path(__file__).parent))
 from tutorial_pages import (
@@ -38,7 +39,6 @@ from softsim_ros.cli.app import COMMANDS
 from softsim_ros.cli.nodes import NODES
 
 STEPS = 50
-READY_S = 90.0  # the first start on a machine compiles kernels
 FENCES = [fence for page in PAGES for fence in fences(page)]
 CONSOLE = [fence for fence in FENCES if fence.language == "console"] + list(fences(README, QUICK_START))
 STARTED = [fence for fence in CONSOLE if fence.flags is not None]
@@ -86,11 +86,9 @@ def test_every_start_version_runs_and_says_what_to_write(start: Path) -> None:
     assert "Write here: " in start.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", STEP_PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
 def test_every_step_has_a_finished_scene_a_start_version_and_a_picture(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    for part in ("**Goal.**", "**Explore**", "Finished: [", "start: [", "](../pictures/"):
-        assert part in text, part
     targets = [(page.parent / target).resolve() for target in links(page) if "configs/" in target]
     finished = [target for target in targets if target.parent.name == "scenes"]
     assert finished
@@ -195,12 +193,12 @@ def test_marked_commands_run_and_end_at_ctrl_c(
             start_new_session=True,
         )
     try:
-        end = time.monotonic() + READY_S
+        end = time.monotonic() + BUILD_S
         while "running" not in said.read_text() and process.poll() is None and time.monotonic() < end:
             threading.Event().wait(0.05)
         assert "running" in said.read_text(), said.read_text()
         process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0, said.read_text()
+        assert process.wait(DEADLINE_S) == 0, said.read_text()
         assert "Traceback" not in said.read_text()
     finally:
         if process.poll() is None:

@@ -68,6 +68,7 @@ def test_a_reset_repeats_the_bytes_of_a_new_simulation() -> None:
     assert moved(sim, 40).snapshot() == fallen
 
 
+@pytest.mark.slow
 def test_both_steps_agree_in_contact() -> None:
     pytest.importorskip("numba")
     fast, plain = Simulation(drop("numba")), Simulation(drop("scipy"))

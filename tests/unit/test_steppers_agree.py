@@ -148,8 +148,14 @@ def test_both_follow_tuned_parameters(law: str) -> None:
         assert_same(states[0], states[1], 1e-10)
 
 
-@pytest.mark.parametrize("backend", ["numba", "scipy"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("backend", "seed"),
+    [
+        ("numba", 0), ("numba", 1), ("numba", 2), ("scipy", 0),
+        *(pytest.param("scipy", seed, marks=pytest.mark.exhaustive) for seed in (1, 2)),
+    ],
+)  # fmt: skip
 def test_inverted_elements_come_back(backend: Any, seed: int) -> None:
     """Nodes thrown about, half of the elements inside out: with polar rotations the block finds its shape."""
     rng = np.random.default_rng(seed)

@@ -8,7 +8,8 @@ import sys
 import termios
 
 import pytest
-from terminal_session import DEADLINE_S, REPOSITORY, TerminalSession
+from terminal_session import REPOSITORY, TerminalSession
+from waiting import DEADLINE_S
 
 USES_TERMINAL = """
 import os, sys

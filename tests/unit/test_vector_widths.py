@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.numba]
+pytestmark = [pytest.mark.exhaustive, pytest.mark.numba]  # compiles everything anew
 
 SCRIPT = """
 import numpy as np

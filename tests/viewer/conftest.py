@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from headless_browser import ARGUMENTS, chromium_path
-from node_processes import spin_until
+from waiting import BUILD_S, spin_until
 
 sys.path.append(str(Path(__file__).parent))  # for `browser_page` and `tcp_ports`
 
@@ -31,7 +31,7 @@ def _ros_fixtures() -> ModuleType:
 _ROS = _ros_fixtures()
 ros_domain, start_process, client = _ROS.ros_domain, _ROS.start_process, _ROS.client
 start_robot = _ROS.start_robot
-Robot, BUILD_DEADLINE_S = _ROS.Robot, _ROS.BUILD_DEADLINE_S
+Robot = _ROS.Robot
 
 
 @pytest.fixture(scope="session", name="spin_until")
@@ -59,7 +59,7 @@ def start_station(
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
             process = start_process("softsim_ros.cli", *words)
-        assert process.says("open http", BUILD_DEADLINE_S), process.output
+        assert process.says("open http", BUILD_S), process.output
         return Robot(process, client), re.findall(r"open (http://\S+)", process.output)[0]
 
     return start

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
@@ -46,7 +48,7 @@ esac
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """The files that git knows and those it would take, in a folder of their own."""
+    """The files that git knows and those it would take, in a folder of their own, with compiled kernels."""
     if shutil.which("git") is None or not (REPOSITORY / ".git").exists():
         pytest.skip("no git checkout to take a clean copy of")
     if "/opt/ros/" in os.environ.get("AMENT_PREFIX_PATH", ""):
@@ -63,7 +65,17 @@ def checkout(tmp_path: Path) -> Path:
         if (REPOSITORY / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(REPOSITORY / name, folder / name)
+    copy_kernels(folder)
     return folder
+
+
+def copy_kernels(folder: Path) -> None:
+    """Numba's cache of these tests to where it looks for it in a copy of the sources."""
+    for cache in REPOSITORY.glob("softsim_core/**/__pycache__/kernels-*/*"):
+        package = folder / cache.parents[2].relative_to(REPOSITORY)
+        place = hashlib.sha1(str(package).encode()).hexdigest()
+        name = f"{cache.name.rpartition('_')[0]}_{place}"
+        shutil.copytree(cache, package / "__pycache__" / cache.parent.name / name)
 
 
 @pytest.fixture
@@ -112,7 +124,7 @@ def test_one_command_one_address_one_robot(
         busy = os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
         assert shown - ready < SHOWN_WITHIN_S or busy
         process.send_signal(signal.SIGINT)
-        assert process.wait(60.0) == 0
+        assert process.wait(DEADLINE_S) == 0
         assert len(re.findall(r"http://\S+", log.read_text())) == 1
     finally:
         process.kill()

@@ -32,6 +32,7 @@ def test_parts_tell_where_they_stand_in_the_file() -> None:
     assert parts["tripod/board/servos/servo_1"].editable == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tripod", "cable_gripper", "tripod_maze", "tripod_step_4_3"])
 def test_every_field_can_be_laid_over_as_it_is_written(name: str) -> None:
     scene = load_scene(name)

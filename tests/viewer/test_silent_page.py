@@ -62,7 +62,7 @@ class Witness:
         return [(p.name, p.value.double_value) for event in events for p in event.changed_parameters]
 
     def until(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, 60.0)
+        return self._spin_until(condition)
 
     def assert_silence(self, *tuned: tuple[str, float]) -> None:
         """Nothing but what the other program has sent, and parameters that it has set."""

@@ -60,7 +60,7 @@ class Reports:
             new = self._simulator()[begin:]
             return len(new) > 1 and int(new[-1]["steps"]) - int(new[0]["steps"]) >= steps
 
-        assert self._spin_until(done, 90.0)
+        assert self._spin_until(done)
         return self._simulator()[begin:]
 
     def _simulator(self) -> list[dict[str, str]]:

@@ -31,7 +31,7 @@ def camera_at_rest(page: BrowserPage, spin_until: Callable[..., bool]) -> list[f
         page.page.wait_for_timeout(250)
         return len(seen) > 8 and all(each == pytest.approx(seen[-1], abs=1e-6) for each in seen[-8:])
 
-    assert spin_until(rests, 60.0), seen[-8:]
+    assert spin_until(rests), seen[-8:]
     return seen[-1]
 
 

@@ -1,0 +1,84 @@
+"""Servers that have found this process whole: only then does no answer of theirs get lost.
+
+A server that has found the requests of another process, but not yet where its answers go, drops the answer
+after a tenth of a second. This happens while two processes find each other, and no longer once one answer has
+come. So a question that changes nothing is asked until it is answered, and whatever counts is asked once.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from waiting import DEADLINE_S, spin_until
+
+REPEATED_AFTER_S = 1.0
+GID_PREFIX = 12
+"""Bytes of an endpoint's identifier that name its participant."""
+
+
+class Introductions:
+    """Whom a node of the test has met, by participant: a process that starts again is met again.
+
+    Args:
+        node: The node; a thread serves its callbacks.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._met: set[bytes] = set()
+
+    def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
+        """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
+        from rclpy.node import NodeNameNonExistentError
+
+        graph = self._node
+        ask = (
+            graph.get_service_names_and_types_by_node
+            if services
+            else graph.get_publisher_names_and_types_by_node
+        )
+        try:
+            return dict(ask(node, namespace))
+        except NodeNameNonExistentError:  # not discovered yet
+            return {}
+
+    def wait(self, service: str) -> None:
+        """Wait until the process that offers a service (its full name) has found this one."""
+        assert spin_until(lambda: self._offering(service)), f"no node is known to offer {service}"
+        participants = self._participants()
+        own = participants[(self._node.get_name(), self._node.get_namespace())]
+        strangers = set().union(*(participants.get(each, set()) for each in self._offering(service)))
+        strangers -= own | self._met
+        nodes = [node for node, found in participants.items() if found & strangers]
+        questions = [f"{space.rstrip('/')}/{name}/get_parameters" for name, space in nodes]
+        questions = [each for each in questions if self._offering(each)]
+        if questions:
+            self._ask(questions[0])
+        self._met |= strangers
+
+    def _offering(self, service: str) -> list[tuple[str, str]]:
+        """Names and namespaces of the nodes that offer a service."""
+        nodes = self._node.get_node_names_and_namespaces()
+        return [each for each in set(nodes) if service in self.offered(*each, services=True)]
+
+    def _participants(self) -> dict[tuple[str, str], set[bytes]]:
+        """Identifiers of the participants that run a node, by its name and namespace."""
+        found: dict[tuple[str, str], set[bytes]] = {}
+        for end in self._node.get_publishers_info_by_topic("/parameter_events"):  # every node has this one
+            node = (end.node_name, end.node_namespace)
+            found.setdefault(node, set()).add(bytes(end.endpoint_gid[:GID_PREFIX]))
+        return found
+
+    def _ask(self, question: str) -> None:
+        from rcl_interfaces.srv import GetParameters
+
+        client = self._node.create_client(GetParameters, question)
+        answered = threading.Event()
+        end = time.monotonic() + DEADLINE_S
+        while not answered.is_set():
+            assert time.monotonic() < end, f"no answer from {question}"
+            client.call_async(GetParameters.Request()).add_done_callback(lambda _: answered.set())
+            answered.wait(REPEATED_AFTER_S)
+        self._node.destroy_client(client)

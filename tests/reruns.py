@@ -1,0 +1,57 @@
+"""Tests that may run once more when they fail: named one by one, each with its reason, and printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any
+
+import pytest
+
+RERUNS: Mapping[str, str] = {
+    "tests/bridge/test_bridge_protocols.py::test_calibrate_servos_walks_in_a_terminal_and_writes_the_file": (
+        "the board is a thread of the test; paused for more than 0.2 s it is a board that takes no data"
+    ),
+    "tests/firmware/test_end_to_end_soak.py::test_nothing_is_lost_and_nothing_grows": (
+        "needs 48 packets a second of wall time for 20 s; a machine that pauses sends fewer"
+    ),
+    "tests/ros/test_bridge_benchmark.py::test_every_command_reaches_the_line_within_two_periods": (
+        "measures 25 ms by the wall clock; a machine that pauses a process for longer is not the bridge"
+    ),
+    "tests/ros/test_demo_grasp.py::test_the_cube_is_lifted_held_and_put_down": (
+        "the simulation runs as fast as it can; a plan that is late on its way shifts what is measured"
+    ),
+    "tests/ros/test_topics_command.py::test_a_rate_is_measured": (
+        "measures messages a second by the wall clock, of a publisher that the machine may pause"
+    ),
+}
+"""Why a test may run once more, by its id without parameters."""
+
+
+class Reruns:
+    """A plugin of pytest: runs the named tests once more where they fail, and tells which it did, and why.
+
+    Args:
+        reasons: As RERUNS.
+    """
+
+    def __init__(self, reasons: Mapping[str, str]) -> None:
+        self._reasons = reasons
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        if find_spec("pytest_rerunfailures"):
+            for item in items:
+                if without_parameters(item.nodeid) in self._reasons:
+                    item.add_marker(pytest.mark.flaky(reruns=1))
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        again = terminalreporter.stats.get("rerun", [])
+        if again:
+            terminalreporter.section("run once more")
+        for report in again:
+            name = without_parameters(report.nodeid)
+            terminalreporter.write_line(f"{report.nodeid}: {self._reasons[name]}")
+
+
+def without_parameters(nodeid: str) -> str:
+    return nodeid.partition("[")[0]
