@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from node_processes import Client, ProcessGroup, parameter_words, spin_until
+from node_processes import Answer, Client, ProcessGroup, parameter_words, spin_until
 
 NAMESPACE = "/tripod"
 BRIDGE = "servo_bridge.bridge_node"
@@ -34,14 +34,14 @@ class BridgeClient(Client):
         assert spin_until(answer.done), f"no answer to {label}{self._written}"
         return bool(answer.result().success)
 
-    def ask(self, label: str) -> Any:
-        """Ask for a lifecycle transition and do not wait; the future answer."""
+    def ask(self, label: str) -> Answer:
+        """Ask for a lifecycle transition and do not wait."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
         number = getattr(Transition, f"TRANSITION_{label.upper()}")
-        service = self.service(ChangeState, "servo_bridge/change_state")
-        return service.call_async(ChangeState.Request(transition=Transition(id=number)))
+        request = ChangeState.Request(transition=Transition(id=number))
+        return self.ask_service(ChangeState, "servo_bridge/change_state", request)
 
     def state(self) -> str:
         """The bridge's lifecycle state."""

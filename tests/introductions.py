@@ -46,17 +46,25 @@ class Introductions:
 
     def wait(self, service: str) -> None:
         """Wait until the process that offers a service (its full name) has found this one."""
-        assert spin_until(lambda: self._offering(service)), f"no node is known to offer {service}"
-        participants = self._participants()
-        own = participants[(self._node.get_name(), self._node.get_namespace())]
-        strangers = set().union(*(participants.get(each, set()) for each in self._offering(service)))
-        strangers -= own | self._met
-        nodes = [node for node, found in participants.items() if found & strangers]
-        questions = [f"{space.rstrip('/')}/{name}/get_parameters" for name, space in nodes]
-        questions = [each for each in questions if self._offering(each)]
-        if questions:
-            self._ask(questions[0])
+        assert spin_until(lambda: self._offered_by(service)), f"no process is known to offer {service}"
+        strangers = self._offered_by(service) - self._met
+        if not strangers:
+            return
+        assert spin_until(lambda: self._questions(strangers)), f"nobody beside {service} can be asked"
+        self._ask(self._questions(strangers)[0])
         self._met |= strangers
+
+    def _offered_by(self, service: str) -> set[bytes]:
+        """Participants that offer a service, as far as all that is needed to meet them is known."""
+        participants = self._participants()
+        offering = [participants.get(node, set()) for node in self._offering(service)]
+        return set().union(*offering) if offering and all(offering) else set()
+
+    def _questions(self, strangers: set[bytes]) -> list[str]:
+        """Services that change nothing, of any node of these participants."""
+        nodes = [node for node, found in self._participants().items() if found & strangers]
+        questions = [f"{space.rstrip('/')}/{name}/get_parameters" for name, space in nodes]
+        return [each for each in questions if self._offering(each)]
 
     def _offering(self, service: str) -> list[tuple[str, str]]:
         """Names and namespaces of the nodes that offer a service."""

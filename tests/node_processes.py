@@ -7,7 +7,10 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -119,6 +122,40 @@ class ProcessGroup:
                 process.process.wait(DEADLINE_S)
 
 
+LOST_S = 20.0
+"""A request without an answer for so long in [s] counts as lost on its way."""
+NEWS_S = 0.05
+"""Time in [s] that a process which is known gets to hear of a new client."""
+
+
+class Answer:
+    """The answer of a service; where none comes for long it is asked again, and pytest shows a warning.
+
+    Args:
+        ask: Sends the request; the future answer.
+        name: Of the service.
+    """
+
+    def __init__(self, ask: Callable[[], Any], name: str) -> None:
+        self._ask, self._name = ask, name
+        self._futures = [ask()]
+        self._asked = time.monotonic()
+
+    def done(self) -> bool:
+        """Whether an answer has come."""
+        if any(each.done() for each in self._futures):
+            return True
+        if time.monotonic() - self._asked > LOST_S:
+            warnings.warn(f"no answer from {self._name} for {LOST_S:g} s: asked again", stacklevel=2)
+            self._futures.append(self._ask())
+            self._asked = time.monotonic()
+        return False
+
+    def result(self) -> Any:
+        """The first answer."""
+        return next(each.result() for each in self._futures if each.done())
+
+
 class Client:
     """A node of the test, served by a thread: collects messages, publishes, calls services.
 
@@ -173,17 +210,25 @@ class Client:
         return "" if self._processes is None else f"\n{self._processes.output}"
 
     def call(self, service_type: Any, name: str, request: Any | None = None) -> Any:
-        """The answer of a service, which is asked once."""
-        future = self.service(service_type, name).call_async(request or service_type.Request())
-        assert spin_until(future.done), f"no answer from {name}{self._written}"
-        return future.result()
+        """The answer of a service."""
+        answer = self.ask_service(service_type, name, request)
+        assert spin_until(answer.done), f"no answer from {name}{self._written}"
+        return answer.result()
+
+    def ask_service(self, service_type: Any, name: str, request: Any | None = None) -> Answer:
+        """Ask a service and do not wait."""
+        service = self.service(service_type, name)
+        return Answer(lambda: service.call_async(request or service_type.Request()), name)
 
     def service(self, service_type: Any, name: str) -> Any:
         """A client of a service that is there, whose process has found this one."""
-        if name not in self._clients:
+        new = name not in self._clients
+        if new:
             self._clients[name] = self.node.create_client(service_type, name)
         assert self._clients[name].wait_for_service(DEADLINE_S), f"no service {name}{self._written}"
         self._introductions.wait(self.node.resolve_service_name(name))
+        if new:  # a request that overtakes the news of its client is lost
+            threading.Event().wait(NEWS_S)
         return self._clients[name]
 
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:

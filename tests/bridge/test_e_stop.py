@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from collections.abc import Callable
@@ -79,9 +80,19 @@ def test_it_is_answered_while_a_robot_is_loaded(
     bridge = start_bridge(robot=robot)
     gate.open("w").close()  # the bridge reads the robot's name before it is a node
     answer = client.ask("configure")
-    with gate.open("w"):  # opens as soon as the robot's file reads from it
-        assert client.trigger("servo_bridge/e_stop").success
+    held: list[int] = []
+
+    def reading() -> bool:
+        """Whether the robot's file reads from the gate, which then stays open."""
         assert not answer.done()
+        with contextlib.suppress(OSError):  # nobody reads yet
+            held.append(os.open(gate, os.O_WRONLY | os.O_NONBLOCK))
+        return bool(held)
+
+    assert wait_until(reading)
+    assert client.trigger("servo_bridge/e_stop").success
+    assert not answer.done()
+    os.close(held[0])
     assert wait_until(answer.done)
     assert not answer.result().success
     assert bridge.says("no robot here")
