@@ -21,6 +21,12 @@ RERUNS: Mapping[str, str] = {
     "tests/ros/test_demo_grasp.py::test_the_cube_is_lifted_held_and_put_down": (
         "the simulation runs as fast as it can; a plan that is late on its way shifts what is measured"
     ),
+    "tests/ros/test_maze_run.py::test_the_ball_reaches_the_goal": (
+        "the inverse controller works by the wall clock; where the machine pauses it, the plate tilts late"
+    ),
+    "tests/viewer/test_gripper_page.py::test_the_sliders_grasp_and_lift_the_cube": (
+        "seen once on a busy machine: a number typed into a field of the page did not arrive"
+    ),
     "tests/ros/test_topics_command.py::test_a_rate_is_measured": (
         "measures messages a second by the wall clock, of a publisher that the machine may pause"
     ),

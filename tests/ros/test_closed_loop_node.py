@@ -192,6 +192,7 @@ def test_keys_of_the_teleop_turn_the_reference(
             enabled = client.node.create_publisher(Bool, "inverse_controller/enabled", STATE_QOS)
             enabled.publish(Bool(data=True))
             assert spin_until(lambda: teleop.client.state.inverse and teleop.client.state.tilt is not None)
+            assert spin_until(lambda: loop.count_publishers("tilt_reference") > 1)  # client and teleop
             for name in ("up", "plus"):
                 teleop.handle_key(KeyPress(name), time.monotonic())
             assert spin_until(lambda: loop._loop.reference[1] == 0.1)
