@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ from waiting import DEADLINE_S, spin_until
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
+domains = deque(range(20, 100))
+"""ROS domains in the order of their use: what a test left behind in one is not met by the next test."""
 domain_guards: list[int] = []
 """File descriptors of the ports that stand for the ROS domains of the running test."""
 
@@ -32,7 +35,9 @@ def private_ros(folder: Path) -> Iterator[int]:
     A bound port stands for the domain. Processes of the test inherit it: one that outlives a killed test run
     keeps its domain, and disturbs nobody.
     """
-    for domain in range(20, 100):
+    for _ in range(len(domains)):
+        domain = domains[0]
+        domains.rotate(-1)
         guard = socket.socket()
         try:
             guard.bind(("127.0.0.1", 47400 + domain))
