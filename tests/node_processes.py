@@ -193,20 +193,21 @@ class Client:
         return messages
 
     def publisher(self, message_type: Any, topic: str, depth: int = 1) -> Any:
-        """A publisher that somebody listens to."""
+        """A publisher that all who are known to listen have met."""
         publisher = self.node.create_publisher(message_type, topic, depth)
         self._wait_for_listener(publisher)
         return publisher
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message once somebody listens."""
+        """Send a message once somebody listens, and all who are known to have been met."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, 10)
         self._wait_for_listener(self._publishers[topic])
         self._publishers[topic].publish(message)
 
     def _wait_for_listener(self, publisher: Any) -> None:
-        heard = spin_until(lambda: publisher.get_subscription_count() > 0)
+        known = self.node.count_subscribers
+        heard = spin_until(lambda: publisher.get_subscription_count() >= max(1, known(publisher.topic_name)))
         assert heard, f"nobody listens on {publisher.topic}{self._written}"
 
     @property

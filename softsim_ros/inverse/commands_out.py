@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -31,7 +32,8 @@ class CommandsOut:
         self._on_foreign = on_foreign
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
         self._publisher = node.create_publisher(Float64MultiArray, TOPIC, NEWEST_ONLY)
-        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, NEWEST_ONLY, raw=True)
+        all_of_them = QoSProfile(depth=REMEMBERED)  # ours come back: they must not push out one of another's
+        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, all_of_them, raw=True)
 
     def publish(self, command: Array) -> None:
         """Send one position per joint, in [rad] or [m], shape (j,)."""

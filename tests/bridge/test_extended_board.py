@@ -112,7 +112,7 @@ def test_a_board_that_restarts_is_told_its_ranges_and_goes_on_where_it_stood(
     pose = driver.applied_angles()
     link = driver.link
     assert link is not None
-    assert wait_until(lambda: board.model.motion.arrived)
+    assert wait_until(lambda: board.servo_bytes == (122,) * 3 and board.model.motion.arrived)
     banners = link.board.counts.banners
     board.restart(cause=8)
     assert wait_until(lambda: link.board.counts.banners == banners + 1)
