@@ -9,6 +9,8 @@ import numpy as np
 from softsim_core.arrays import Array, BoolArray, IndexArray
 
 _CHUNK = 256
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of a coordinate, with some room: volumes that this may make are none."""
 _SHIFTS = 1.0e-6 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
 """Small moves in [m]: surfaces that only touch come apart by one of them; crooked, so that none leads an edge
 exactly through another one."""
@@ -65,15 +67,22 @@ def _boxes_meet(first: Array, second: Array) -> tuple[IndexArray, IndexArray]:
 
 
 def _pierce(edges_of: Array, faces: Array) -> BoolArray:
-    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3)."""
+    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3).
+
+    Triangles of one plane, which are so up to rounding, do not.
+    """
     a, b, c = faces[:, None, 0], faces[:, None, 1], faces[:, None, 2]
     start, end = edges_of, np.roll(edges_of, -1, axis=1)
-    sides = _volume(a, b, c, start) * _volume(a, b, c, end)
+    both = np.concatenate([edges_of, faces], axis=1)
+    sizes = np.ptp(both, axis=1).max(axis=1, initial=0.0)
+    noise = (_ROUNDING * np.abs(both).max(axis=(1, 2), initial=0.0) * sizes**2)[:, None]
+    one, other = _volume(a, b, c, start), _volume(a, b, c, end)
+    apart = (np.minimum(one, other) < -noise) & (np.maximum(one, other) > noise)
     turns = np.stack(
         [_volume(start, end, a, b), _volume(start, end, b, c), _volume(start, end, c, a)], axis=-1
     )
-    through = (turns > 0.0).all(axis=-1) | (turns < 0.0).all(axis=-1)
-    return np.asarray(((sides < 0.0) & through).any(axis=1))
+    through = (turns > noise[..., None]).all(axis=-1) | (turns < -noise[..., None]).all(axis=-1)
+    return np.asarray((apart & through).any(axis=1))
 
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:

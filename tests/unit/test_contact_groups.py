@@ -7,6 +7,7 @@ import pytest
 
 from softsim_core.contact import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
+from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import boundary_surface, box_mesh
 
 FINGER, OTHER_FINGER, CUBE, FLOOR = 0, 1, 2, 3
@@ -62,6 +63,16 @@ def box() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_box_can_be_used() -> None:
     check_surface(*box(), "box", closed=True)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_tilted_box_far_from_the_origin_can_be_used(seed: int) -> None:
+    """The triangles of a side lie in one plane up to rounding, whatever its angle."""
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(2, 6, 3)
+    shape = boundary_surface(box_mesh(tuple(rng.uniform(0.01, 0.05, 3)), tuple(map(int, cells))))
+    turned = shape.points @ rotation_exp(rng.uniform(-2.0, 2.0, 3)).T
+    check_surface(10.0 ** rng.uniform(-1.0, 2.0) * turned + rng.uniform(-1.0, 1.0, 3), shape.triangles, "box")
 
 
 def test_an_open_surface_is_refused_for_a_body_with_mass() -> None:
