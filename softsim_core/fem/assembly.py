@@ -25,6 +25,13 @@ def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
     return np.asarray(np.swapaxes(positions[group.cells], 1, 2)[:, None] @ group.gradients)
 
 
+def strain_change(group: ElementGroup, before: Array, after: Array) -> float:
+    """Largest change of the Green strain at a point, by the Frobenius norm; NaN if a place (n, 3) is one."""
+    old, new = deformation_gradients(group, before), deformation_gradients(group, after)
+    change = np.swapaxes(new, -1, -2) @ new - np.swapaxes(old, -1, -2) @ old
+    return 0.5 * float(np.sqrt(np.einsum("mqij,mqij->mq", change, change).max(initial=0.0)))
+
+
 def mean_volume_law(group: ElementGroup) -> VolumetricMaterial | None:
     """The law of cells whose mean dilatation takes a part of the bulk; None: those of the group do not."""
     law = group.material

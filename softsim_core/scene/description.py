@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
@@ -189,6 +189,9 @@ class AttachmentDescription:
             raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
 
 
+SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
     """Numerics: law of bodies that name none, implementation of the step, Rayleigh damping.
@@ -201,6 +204,8 @@ class SolverSettings:
             leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
+        substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
+            one: 1 (always whole), 2, 4 and so on up to 64.
     """
 
     rotation: RotationLaw = "polar"
@@ -208,6 +213,7 @@ class SolverSettings:
     linear_solver: str = AUTO
     rayleigh_stiffness: float = 0.0
     rayleigh_mass: float = 0.0
+    substeps: int = 8
 
     def __post_init__(self) -> None:
         for name, value, unit in (
@@ -216,6 +222,8 @@ class SolverSettings:
         ):
             if not 0.0 <= value < math.inf:
                 raise FieldError("solver", name, value, f">= 0 {unit}")
+        if self.substeps not in SUBSTEPS:
+            raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
         known = (AUTO, *linear_solver_names())
         if self.linear_solver not in known:
             raise FieldError("solver", "linear_solver", self.linear_solver, f"one of {listing(known)}")

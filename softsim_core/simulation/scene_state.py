@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +11,16 @@ from scipy.sparse import csr_array
 
 from softsim_core.actuation.actuator import ActuatorView
 from softsim_core.arrays import Array, IndexArray, float_array
+from softsim_core.contact.collision_model import CollisionModel
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics import Backend
 from softsim_core.dynamics.actuator_statics import reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.contact_step import ContactStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
+from softsim_core.dynamics.stepper import Stepper
+from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
+from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.state import State
 from softsim_core.mesh.follower import SurfaceFollower
@@ -42,11 +47,12 @@ class SceneState:
         self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
         self.rigid_bodies, self._actuators = built.rigid, built.actuators
         self._linear_solver = scene.solver.linear_solver
-        backend = backend or scene.solver.backend
-        self._stepper = make_stepper(self.model, backend, self._actuators, self._linear_solver)
+        self._backend = backend or scene.solver.backend
         self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
-        if self._contacts is not None or self.model.rigid.names:
-            self._stepper = ContactStepper(self._stepper, self._contacts)
+        self._stepper = self._stepper_of(self.model, self._contacts)
+        watched = torn_by_rough_steps(self.model.groups)
+        if watched and scene.solver.substeps > 1:
+            self._stepper = SubstepStepper(self._stepper, self._part_stepper, watched, scene.solver.substeps)
         self._state = self._rest_state()
         self._report = StepReport()
         self._forces = np.zeros_like(self.model.rest)
@@ -56,6 +62,17 @@ class SceneState:
         )
         cells = [body.mesh.tets + body.nodes.start for body in self.bodies]
         self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
+
+    def _stepper_of(self, model: Model, collisions: CollisionModel | None) -> Stepper:
+        stepper = make_stepper(model, self._backend, self._actuators, self._linear_solver)
+        if collisions is None and not model.rigid.names:
+            return stepper
+        return ContactStepper(stepper, collisions)
+
+    def _part_stepper(self, dt: float) -> Stepper:
+        """The scene's step with another dt in [s]."""
+        model = replace(self.model, dt=dt)
+        return self._stepper_of(model, contacts(self.scene, model, self.bodies, self.rigid_bodies))
 
     def _rest_state(self) -> State:
         """The state at which the scene is built: at rest but for the velocities of its bodies."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from contact_scenes import DISTANCE, FLOOR, touching
 from scipy.integrate import simpson, solve_bvp
 from scipy.sparse.linalg import spsolve
 from small_scenes import body, jittered, scene, slab
@@ -18,6 +19,7 @@ from softsim_core.fem.assembly import elastic_forces, stiffness_matrix
 from softsim_core.fem.elements.tet10 import TET10
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.model import FIXED
+from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import TetMesh, box_mesh, quadratic
 from softsim_core.scene.builder import build
 from softsim_core.scene.description import BodyDescription, JointDescription, SceneDescription, SolverSettings
@@ -240,6 +242,40 @@ def test_a_beam_struck_hard_stays_finite(backend: str) -> None:
     for _ in range(300):
         simulation.step()
     np.testing.assert_allclose(simulation.positions, settled, atol=1e-3)
+
+
+def tilted_cube(seed: int, law: str) -> BodyDescription:
+    """A soft one of 30 mm, 0.1 m above the floor: in the step that touches first it falls by 13 mm."""
+    rng, side = np.random.default_rng(seed), 0.03
+    block = box_mesh((side,) * 3, (2, 2, 2))
+    turned = (block.points - side / 2.0) @ rotation_exp(rng.uniform(-1.5, 1.5, 3)).T
+    turned[:, 2] += 0.1 - turned[:, 2].min()
+    poisson_ratio = 0.45 if law == "corotational" else 0.499
+    return silicone(TetMesh(turned, block.tets), made_of(law, poisson_ratio, 3e4), density=1000.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 11])
+@pytest.mark.parametrize("law", LAWS)
+def test_tilted_cubes_land_and_lie_still(law: str, seed: int) -> None:
+    described = touching(FLOOR, soft=(tilted_cube(seed, law),), rayleigh_stiffness=0.002)
+    simulation, least, parts = Simulation(described), np.inf, []
+    for _ in range(200):
+        simulation.step()
+        least = min(least, float(simulation.contacts.gaps.min(initial=np.inf)))
+        parts.append(simulation.report.parts)
+    assert parts[-1] == 1 < max(parts) or law == "corotational"
+    assert least > -1e-5
+    assert np.abs(simulation.velocities).max() < 1e-3
+    assert DISTANCE - 1e-5 < simulation.positions[:, 2].min() < DISTANCE + 1e-5
+
+
+def test_steps_stay_whole_where_the_scene_says_so() -> None:
+    described = touching(FLOOR, soft=(tilted_cube(0, "stable_neo_hookean"),), rayleigh_stiffness=0.002)
+    whole = Simulation(replace(described, solver=replace(described.solver, substeps=1)))
+    for _ in range(20):
+        whole.step()
+        assert whole.report.parts == 1
 
 
 def test_mass_is_that_of_the_volume_and_its_middle_is_right() -> None:

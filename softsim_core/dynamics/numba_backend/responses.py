@@ -48,8 +48,9 @@ class Responses:
             self._body_of_node[group.cells] = group.body[:, None]
 
     def positive(self) -> bool:
-        """Whether the free nodes' matrix had positive pivots: others leave a NaN in all that is left."""
-        return bool(np.isfinite(self._left()).all())
+        """Whether the free nodes' matrix had positive pivots: others leave a NaN in what follows them."""
+        panels = self.prepared.work.factor.panels  # of a body that hangs on no frame nothing else is left
+        return bool(np.isfinite(self._left()).all() and np.isfinite(panels).all())
 
     def compliance(self, rows: Rows, before: Motion) -> Array:
         """FreeMotion.compliance; `before`: the state at the start of the step."""

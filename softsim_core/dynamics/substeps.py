@@ -1,0 +1,106 @@
+"""Steps that are cut in two, and these again, where a body strains too much for one.
+
+A step is linearised once: that is right as long as no body changes its strain by much within it. A soft body
+that hits something may be crushed by half in a single step, and be torn apart by the next. So such a step is
+taken back and done again in halves, and as long as these are too rough, in halves of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from softsim_core.arrays import Array
+from softsim_core.dynamics.report import StepReport
+from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.errors import FactorisationError
+from softsim_core.fem.assembly import mean_volume_law, strain_change
+from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials.corotational import RotatedHooke
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.state import State
+
+ROUGH: Final = 0.3
+"""Change of the Green strain at a point within one step, from which on the step is cut."""
+
+
+def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
+    """Cells that have to be watched: all but linear ones that only rotate, which stand being crushed."""
+    return [
+        group
+        for group in groups
+        if mean_volume_law(group) is not None or not isinstance(group.material, RotatedHooke)
+    ]
+
+
+class SubstepStepper:
+    """A step in as few equal parts as the strains allow, 1, 2, 4 and so on, around the one of a whole dt.
+
+    Args:
+        whole: The step of the model's dt.
+        of_part: Makes the same step with another dt in [s].
+        groups: The cells that are watched.
+        most: Parts at most.
+    """
+
+    def __init__(
+        self,
+        whole: Stepper,
+        of_part: Callable[[float], Stepper],
+        groups: Sequence[ElementGroup],
+        most: int,
+    ) -> None:
+        self._steppers, self._of_part, self._groups = [whole], of_part, groups
+        self._deepest = int(most).bit_length() - 1
+        self.name, self.compiled = whole.name, whole.compiled
+        self.model, self.actuators = whole.model, whole.actuators
+        self._before = [whole.model.empty_state() for _ in range(self._deepest + 1)]
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        return self._advance(state, control, parameters, 0)
+
+    def _advance(self, state: State, control: Control, parameters: Parameters, depth: int) -> StepReport:
+        """Advance by a part, which is dt halved `depth` times."""
+        stepper, before = self._stepper(depth), self._before[depth]
+        if depth == self._deepest:
+            return stepper.step(state, control, parameters)
+        before.copy_from(state)
+        try:
+            report = stepper.step(state, control, parameters)
+            if max(strain_change(each, before.positions, state.positions) for each in self._groups) < ROUGH:
+                return report
+        except FactorisationError:
+            report = StepReport()
+        state.copy_from(before)
+        first = self._advance(state, self._halfway(state, control), parameters, depth + 1)
+        second = self._advance(state, control, parameters, depth + 1)
+        times = Counter(report.times) + Counter(first.times) + Counter(second.times)
+        return replace(second, times=dict(times), parts=first.parts + second.parts)
+
+    def _stepper(self, depth: int) -> Stepper:
+        while len(self._steppers) <= depth:
+            self._steppers.append(self._of_part(self.model.dt / 2 ** len(self._steppers)))
+        return self._steppers[depth]
+
+    def _halfway(self, state: State, control: Control) -> Control:
+        """What acts in the first half: motions go half the way, forces and springs act as they do."""
+        targets = 0.5 * (state.joint_positions + control.targets)
+        compliant = self.model.compliant_joints
+        targets[compliant] = control.targets[compliant]
+        shift = 0.5 * (float(state.base_shift[0]) + control.base_shift)
+        return replace(control, targets=targets, base_shift=shift)
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """See Stepper; of a whole step."""
+        return self._steppers[0].free_motion(state, control, parameters)
+
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+        """See Stepper."""
+        return self._steppers[0].static_tangent(state, parameters, forces)
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        return self._steppers[0].von_mises(state, parameters)
