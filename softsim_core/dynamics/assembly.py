@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -104,3 +106,13 @@ def static_tangent(
     reduced[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
     empty = sp.csr_matrix((at.first_reduced, at.first_reduced))
     return (mapping.T @ stiffness @ mapping + sp.block_diag((empty, reduced))).tocsr()
+
+
+def top_speed(model: Model, state: State) -> float:
+    """Largest component of all linear velocities in [m/s]; NaN if any velocity is one."""
+    if not np.isfinite(state.reduced_velocities).all():
+        return math.nan
+    slides = [True, True, True, False, False, False] * len(model.frame_names)
+    slides += [not joint.revolute for joint in model.joints]
+    speeds = np.concatenate([state.velocities[model.free_nodes].ravel(), state.reduced_velocities[slides]])
+    return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN

@@ -13,7 +13,7 @@ Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
 from typing import NamedTuple
@@ -25,10 +25,12 @@ from softsim_core.contact.collision_model import CollisionModel, Place
 from softsim_core.contact.detection import Proximities, measured_gaps
 from softsim_core.contact.linearised import LinearisedContacts, linearise
 from softsim_core.contact.solver import ContactSolution, solve_contacts
+from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.rigid import RigidBodies
+from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State, no_warm_start
 
 MOST_PASSES = 10
@@ -43,6 +45,24 @@ _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 def runaway_speed(size: float, dt: float) -> float:
     """Speed in [m/s] from which on what is in a scene of `size` [m] has run away in steps of `dt` [s]."""
     return RUNAWAY_SIZES * size / dt
+
+
+@dataclass(slots=True)
+class Uncorrected:
+    """A motion to which forces on nodes and joints cannot be added: rigid bodies only may touch in it."""
+
+    state: State
+    before: State
+    report: StepReport
+    violations: Array = field(default_factory=lambda: np.zeros(0))
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion."""
+        raise NotImplementedError
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion."""
+        raise NotImplementedError
 
 
 class Pass(NamedTuple):
@@ -92,18 +112,40 @@ class ContactStepper:
     Args:
         inner: The step of nodes, joints and actuators.
         collisions: What may touch; None: nothing.
+        smooth: Another one, for steps in which nothing touches what deforms, joints or actuators.
     """
 
-    def __init__(self, inner: Stepper, collisions: CollisionModel | None) -> None:
-        self._inner, self._collisions = inner, collisions
+    def __init__(
+        self, inner: Stepper, collisions: CollisionModel | None, smooth: BossakStepper | None = None
+    ) -> None:
+        self._inner, self._collisions, self._smooth = inner, collisions, smooth
+        self._before = inner.model.empty_state()
         self.name, self.compiled = inner.name, inner.compiled
         self.model, self.actuators = inner.model, inner.actuators
         self._free = inner.model.empty_state()
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
-        model, collisions = self.model, self._collisions
+        smooth = self._smooth
+        if smooth is not None and (smooth.goes_on(state) or not state.warm_start[:, 1:].any()):
+            self._before.copy_from(state)
+            report = smooth.step(state, control, parameters)
+            held = self._complete(Uncorrected(state, self._before, report), control)
+            if held is not None:
+                return held
+            state.copy_from(self._before)
         free = self._inner.free_motion(state, control, parameters)
+        done = self._complete(free, control)
+        assert done is not None
+        if smooth is not None and state.warm_start[:, 1:].any():
+            smooth.forget_acceleration(state)
+        elif smooth is not None:
+            smooth.keep_acceleration(state, free.before)
+        return done
+
+    def _complete(self, free: FreeMotion, control: Control) -> StepReport | None:
+        """Move rigid bodies and solve the contacts; None if they reach more than `Uncorrected` can."""
+        model, collisions, state = self.model, self._collisions, free.state
         report, before = free.report, free.before
         if model.rigid.names:
             model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
@@ -123,7 +165,7 @@ class ContactStepper:
         report: StepReport,
         control: Control,
         collisions: CollisionModel,
-    ) -> StepReport:
+    ) -> StepReport | None:
         """Solve the contacts of a step, linearised again until the true shapes have room at its end.
 
         Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
@@ -141,6 +183,8 @@ class ContactStepper:
             watch.mark("detect")
             state.copy_from(self._free)
             reached, solution, end = report, _NO_FORCES, free
+            if len(touching.rows.place) and isinstance(motion, Uncorrected):
+                return None
             if len(touching):
                 reached, solution = self._solve(motion, report, control, touching, warm_start, watch)
                 if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):

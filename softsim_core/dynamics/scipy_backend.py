@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from time import perf_counter
 
@@ -17,6 +16,7 @@ from softsim_core.dynamics.assembly import (
     node_stiffness,
     static_forces,
     static_tangent,
+    top_speed,
 )
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.report import StepReport
@@ -50,9 +50,11 @@ class ScipyStepper:
         self._matrices = Factoriser(solver, int((at.solved >= at.first_reduced).sum()))
         self._tangents = Factoriser(solver)
 
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
-        return self._advance(state, control, parameters).report
+    def step(
+        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
+    ) -> StepReport:
+        """See EulerStepper."""
+        return self._advance(state, control, parameters, resisted).report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> ScipyFreeMotion:
         """See Stepper."""
@@ -60,12 +62,14 @@ class ScipyStepper:
         before.copy_from(state)
         return ScipyFreeMotion(self.model, self._unknowns, self._advance(state, control, parameters), before)
 
-    def _advance(self, state: State, control: Control, parameters: Parameters) -> _Solved:
+    def _advance(
+        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
+    ) -> _Solved:
         started = perf_counter()
         control.check(len(self.model.joints), len(self.model.rest))
         model, h, at = self.model, self.model.dt, self._unknowns
         before, moved = state.positions.copy(), state.extra.get(MOVED)
-        matrix, rhs, mapping = self.system(state, control, parameters, moved)
+        matrix, rhs, mapping = self.system(state, control, parameters, moved, resisted)
         assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
         wanted = (targets - state.joint_positions)[at.prescribed] / h
@@ -75,7 +79,7 @@ class ScipyStepper:
         if len(at.solved):
             factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             if moved is not None and not factors.positive:
-                matrix, rhs, mapping = self.system(state, control, parameters)
+                matrix, rhs, mapping = self.system(state, control, parameters, None, resisted)
                 factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
@@ -103,7 +107,7 @@ class ScipyStepper:
         }
         found_positive = factors is None or factors.positive
         solved.report = StepReport(
-            _top_speed(self.model, state), times, inverted_elements(model, state), found_positive
+            top_speed(self.model, state), times, inverted_elements(model, state), found_positive
         )
         return solved
 
@@ -140,7 +144,12 @@ class ScipyStepper:
         return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
 
     def system(
-        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
+        self,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        moved: Array | None = None,
+        resisted: Array | None = None,
     ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
         """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
 
@@ -149,6 +158,7 @@ class ScipyStepper:
             control: See Stepper.
             parameters: See Stepper.
             moved: See fem.assembly.cell_stiffness.
+            resisted: See EulerStepper.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
@@ -159,7 +169,8 @@ class ScipyStepper:
         stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved)
         force = static_forces(model, state, parameters, control.forces)
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
-        straining = self._turning.straining(state.positions, state.velocities)
+        velocities = state.velocities if resisted is None else resisted
+        straining = self._turning.straining(state.positions, velocities)
         force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)
         inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass
         full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))
@@ -251,7 +262,7 @@ class ScipyFreeMotion:
         multipliers = solved.multipliers + impulses[: len(solved.actuators)] / h
         solved.actuators.report(model, state, solved.values, multipliers)
         return replace(
-            self.report, top_speed=_top_speed(model, state), inverted=inverted_elements(model, state)
+            self.report, top_speed=top_speed(model, state), inverted=inverted_elements(model, state)
         )
 
 
@@ -300,16 +311,6 @@ class ScipyStaticTangent:
         if self._factors is not None and rows.height:
             compliance = self._factors.schur(on_free.T)
         return Condensed(0.5 * (self._stiffness + self._stiffness.T), arriving, compliance)
-
-
-def _top_speed(model: Model, state: State) -> float:
-    """Largest component of all linear velocities in [m/s]; NaN if any velocity is one."""
-    if not np.isfinite(state.reduced_velocities).all():
-        return math.nan
-    slides = [True, True, True, False, False, False] * len(model.frame_names)
-    slides += [not joint.revolute for joint in model.joints]
-    speeds = np.concatenate([state.velocities[model.free_nodes].ravel(), state.reduced_velocities[slides]])
-    return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
 
 
 def inverted_elements(model: Model, state: State) -> int:

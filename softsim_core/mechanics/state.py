@@ -13,6 +13,10 @@ WARM_START_COLUMNS = 4
 
 MOVED = "moved"
 """Name in State.extra of how far the last step moved the nodes in [m], (n, 3), where elements use it."""
+ACCELERATION = "acceleration"
+"""Name in State.extra of the accelerations of the nodes in [m/s^2], (n, 3), where the step uses them."""
+REDUCED_ACCELERATION = "reduced_acceleration"
+"""Name in State.extra of those of frames and joints, shape (r,)."""
 
 
 class State:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from softsim_core.fem.mass import volume_shares
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.mechanics.state import MOVED
+from softsim_core.mechanics.state import ACCELERATION, MOVED, REDUCED_ACCELERATION
 from softsim_core.mesh import (
     SurfaceMesh,
     TetMesh,
@@ -85,14 +85,24 @@ def build(scene: SceneDescription) -> BuiltScene:
         frame_rest=frame_rest,
         joints=joints,
         rigid=rigid_bodies(scene),
-        extra_state={MOVED: rest.shape} if any(map(mean_volume_law, groups)) else {},
     )
+    model = replace(model, extra_state=_extra_state(scene, model))
     parameters = Parameters(
         materials=[dict(body.material.values) for body in scene.bodies],
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
     return BuiltScene(model, parameters, bodies, rigid_objects(scene), actuators(scene, model, bodies))
+
+
+def _extra_state(scene: SceneDescription, model: Model) -> dict[str, tuple[int, ...]]:
+    """Shapes of what the scene's elements and its step keep beside places and velocities."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    if any(map(mean_volume_law, model.groups)):
+        shapes[MOVED] = model.rest.shape
+    if scene.solver.time_integration == "bossak":
+        shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,)}
+    return shapes
 
 
 def _bodies(scene: SceneDescription) -> tuple[Body, ...]:

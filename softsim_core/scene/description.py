@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias, get_args
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
@@ -189,6 +189,7 @@ class AttachmentDescription:
             raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
 
 
+TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]
 SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 
@@ -204,6 +205,9 @@ class SolverSettings:
             leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
+        time_integration: "implicit_euler", or "bossak" of second order, for what shall ring as the real
+            thing does; see dynamics.bossak.
+        spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
         substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
             one: 1 (always whole), 2, 4 and so on up to 64.
     """
@@ -213,6 +217,8 @@ class SolverSettings:
     linear_solver: str = AUTO
     rayleigh_stiffness: float = 0.0
     rayleigh_mass: float = 0.0
+    time_integration: TimeIntegration = "implicit_euler"
+    spectral_radius: float = 0.8
     substeps: int = 8
 
     def __post_init__(self) -> None:
@@ -222,6 +228,11 @@ class SolverSettings:
         ):
             if not 0.0 <= value < math.inf:
                 raise FieldError("solver", name, value, f">= 0 {unit}")
+        if self.time_integration not in get_args(TimeIntegration):
+            allowed = f"one of {listing(get_args(TimeIntegration))}"
+            raise FieldError("solver", "time_integration", self.time_integration, allowed)
+        if not 0.0 <= self.spectral_radius <= 1.0:
+            raise FieldError("solver", "spectral_radius", self.spectral_radius, "between 0 and 1")
         if self.substeps not in SUBSTEPS:
             raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
         known = (AUTO, *linear_solver_names())

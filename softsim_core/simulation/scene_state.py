@@ -16,9 +16,10 @@ from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics import Backend
 from softsim_core.dynamics.actuator_statics import reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
+from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
-from softsim_core.dynamics.stepper import Stepper
+from softsim_core.dynamics.stepper import EulerStepper, Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
@@ -64,10 +65,16 @@ class SceneState:
         self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
 
     def _stepper_of(self, model: Model, collisions: CollisionModel | None) -> Stepper:
-        stepper = make_stepper(model, self._backend, self._actuators, self._linear_solver)
+        euler, settings = self._euler_of(model), self.scene.solver
+        smooth = None
+        if settings.time_integration == "bossak":
+            smooth = BossakStepper(euler, self._euler_of, settings.spectral_radius)
         if collisions is None and not model.rigid.names:
-            return stepper
-        return ContactStepper(stepper, collisions)
+            return smooth or euler
+        return ContactStepper(euler, collisions, smooth)
+
+    def _euler_of(self, model: Model) -> EulerStepper:
+        return make_stepper(model, self._backend, self._actuators, self._linear_solver)
 
     def _part_stepper(self, dt: float) -> Stepper:
         """The scene's step with another dt in [s]."""

@@ -171,32 +171,40 @@ class NumbaStepper:
         self._advance, self._factor = OneSignature(advance), OneSignature(factor)
         self._assemble_tangent = OneSignature(assemble_tangent)
 
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+    def step(
+        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
+    ) -> StepReport:
+        """See EulerStepper."""
         control.check(len(self.model.joints), len(self.model.rest))
         moved = state.extra.get(MOVED)
+        resisted = state.velocities if resisted is None else resisted
         if moved is None:
-            return self._step(state, control, parameters)
+            return self._step(state, control, parameters, resisted)
         before = self._start
         before.copy_from(state)
-        report = self._step(state, control, parameters, moved)
+        report = self._step(state, control, parameters, resisted, moved)
         if not report.positive:
             state.copy_from(before)
-            report = self._step(state, control, parameters)
+            report = self._step(state, control, parameters, resisted)
         moved[:] = state.positions - before.positions
         return report
 
     def _step(
-        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
+        self,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        resisted: Array,
+        moved: Array | None = None,
     ) -> StepReport:
         """One step; `moved`: see fem.assembly.cell_stiffness."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
         external = control.forces + self._weight
-        straining = self._turning.straining(state.positions, state.velocities)
+        straining = self._turning.straining(state.positions, resisted)
         if self._soft:
-            external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+            external -= model.spring[:, None] * (state.positions + lag * resisted - model.rest)
         if data.cells.paired:
             external += data.cells.paired.fill(state, parameters.materials, True, lag, straining, moved)
         bounds = self.actuators.bounds(control.targets)

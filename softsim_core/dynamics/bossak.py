@@ -1,0 +1,194 @@
+r"""A step of second order with damping of high frequencies only: the method of Wood, Bossak and Zienkiewicz.
+
+With h = dt, a the accelerations, and f all forces at the end of the step:
+
+.. math:: M ((1 - \alpha) a^+ + \alpha a) = f^+, \quad
+    x^+ = x + h v + h^2 ((\tfrac12 - \beta) a + \beta a^+), \quad v^+ = v + h ((1 - \gamma) a + \gamma a^+)
+
+with alpha = (r - 1) / (r + 1), gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4: the member of generalised-alpha
+that takes forces at the end of the step; r is the spectral radius at infinite frequency. Linearised once,
+it is an implicit Euler step of length p = h beta / gamma with other masses, start velocities and forces:
+
+.. math:: v \to (v + h (\tfrac12 - \beta / \gamma) a) h / p, \quad M \to M p / s, \quad
+    f \to f + M a ((1 - \gamma) (1 - \alpha) / \gamma - \alpha), \quad s = h \gamma / (1 - \alpha)
+
+so the steppers of implicit Euler do it. Where no acceleration is known yet, it is that of an implicit Euler
+step that is taken back. Where something touches what deforms, a step is one of implicit Euler: it forgets at
+once what an impact does.
+
+Sources: Wood, Bossak, Zienkiewicz 1980, An alpha modification of Newmark's method; Chung, Hulbert 1993.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.actuation.joint_drive import drive_stiffness
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.assembly import top_speed
+from softsim_core.dynamics.report import StepReport
+from softsim_core.dynamics.stepper import EulerStepper, FreeMotion, StaticTangent
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.state import ACCELERATION, REDUCED_ACCELERATION, State
+
+
+class _Start(NamedTuple):
+    """Velocities of nodes (n, 3) and of frames and joints (r,), velocities that cells resist, what acts."""
+
+    velocities: Array
+    reduced: Array
+    resisted: Array
+    control: Control
+
+
+class BossakStepper:
+    """See the module.
+
+    Args:
+        euler: Implicit Euler of the model.
+        of_model: Makes implicit Euler of the same model with other masses and another dt.
+        spectral_radius: r, from 0 to 1: of the highest frequencies so much is left after each step.
+    """
+
+    def __init__(
+        self, euler: EulerStepper, of_model: Callable[[Model], EulerStepper], spectral_radius: float
+    ) -> None:
+        self.name, self.compiled = euler.name, euler.compiled
+        self.model, self.actuators = euler.model, euler.actuators
+        model, self._euler = euler.model, euler
+        alpha = (spectral_radius - 1.0) / (spectral_radius + 1.0)
+        self._gamma = 0.5 - alpha
+        ratio = 0.25 * (1.0 - alpha) ** 2 / self._gamma  # beta / gamma
+        self._carried = (1.0 - self._gamma) * (1.0 - alpha) / self._gamma - alpha
+        self._length, self._span = ratio * model.dt, model.dt * self._gamma / (1.0 - alpha)
+        self._start, self._drift = 1.0 / ratio, model.dt * (0.5 - ratio)
+        self._lighter = self._length / self._span
+        self._step = of_model(
+            replace(
+                model,
+                dt=self._length,
+                mass=self._lighter * model.mass,
+                gravity=model.gravity / self._lighter,
+                joints=tuple(replace(each, inertia=self._lighter * each.inertia) for each in model.joints),
+            )
+        )
+        self._before = model.empty_state()
+        compliant = model.compliant_joints
+        self._compliant, self._stiffness = compliant, drive_stiffness(model)
+        led = np.setdiff1d(np.arange(len(model.joints)), compliant)
+        self._led_joints, self._led = led, 6 * len(model.frame_names) + led
+        self._held = model.region_of_node != FREE
+        self._inertia = np.array([joint.inertia for joint in model.joints])
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        before = self._before
+        before.copy_from(state)
+        if not self.goes_on(state):
+            self._euler.step(state, control, parameters)
+            self.keep_acceleration(state, before)
+            for name in (ACCELERATION, REDUCED_ACCELERATION):
+                before.extra[name][:] = state.extra[name]
+            state.copy_from(before)
+        start = self._start_of(before, control, parameters)
+        state.velocities[:], state.reduced_velocities[:] = start.velocities, start.reduced
+        report = self._step.step(
+            state,
+            start.control,
+            replace(parameters, rayleigh_mass=parameters.rayleigh_mass / self._lighter),
+            resisted=start.resisted,
+        )
+        self._end(state, before, start)
+        springs = self._stiffness * (control.targets - state.joint_positions)
+        state.joint_efforts[self._compliant] = springs[self._compliant]
+        return replace(report, top_speed=top_speed(self.model, state))
+
+    def _start_of(self, before: State, control: Control, parameters: Parameters) -> _Start:
+        """What the implicit Euler step of other length begins with."""
+        model, h, damping = self.model, self.model.dt, parameters.rayleigh_stiffness
+        a, b = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
+        start = self._start * (before.velocities + self._drift * a)
+        reduced, end = self._start * (before.reduced_velocities + self._drift * b), before.reduced_velocities
+        if len(self._led):  # where a joint is led, its way and its acceleration are known
+            way = control.targets[self._led_joints] - before.joint_positions[self._led_joints]
+            gains = (way / h - before.reduced_velocities[self._led]) * self._span / h
+            reduced[self._led] = way / self._length - gains
+            end = end.copy()
+            end[self._led] = way / h - gains + 0.5 * gains * h / self._span
+        known, carried = before.velocities, self._carried * a
+        if model.regions:
+            known = known.copy()
+            rates = np.stack([reduced, end, self._carried * b], axis=1)
+            for nodes, of_nodes in _of_regions(model, before, rates):
+                start[nodes], known[nodes], carried[nodes] = of_nodes
+        carried += parameters.rayleigh_mass * (start - known)
+        targets, forces = control.targets.copy(), control.forces + model.mass[:, None] * carried
+        if len(self._compliant):
+            joints, first = self._compliant, len(b) - len(targets)
+            shift = damping * (reduced - before.reduced_velocities)[first + joints]
+            inert = self._carried * self._inertia[joints] * b[first + joints]
+            targets[joints] += shift + inert / self._stiffness[joints]
+        return _Start(
+            start,
+            reduced,
+            (self._length * start + damping * known) / (self._length + damping),
+            replace(control, targets=targets, forces=forces),
+        )
+
+    def _end(self, state: State, before: State, start: _Start) -> None:
+        """Velocities and accelerations by what the step has changed."""
+        h, a, b = self.model.dt, state.extra[ACCELERATION], state.extra[REDUCED_ACCELERATION]
+        change, turn = state.velocities - start.velocities, state.reduced_velocities - start.reduced
+        state.velocities[:] = before.velocities + change
+        state.reduced_velocities[:] = before.reduced_velocities + turn
+        a += (change / h - a) / self._gamma
+        b += (turn / h - b) / self._gamma
+        moved = state.joint_positions - before.joint_positions
+        state.reduced_velocities[self._led], b[self._led] = moved[self._led_joints] / h, 0.0
+        if self.model.regions:
+            self.model.place_regions(state)
+            a[self._held] = 0.0
+
+    def goes_on(self, state: State) -> bool:
+        """Whether accelerations are known."""
+        return any(state.extra[name].any() for name in (ACCELERATION, REDUCED_ACCELERATION))
+
+    def forget_acceleration(self, state: State) -> None:
+        """Something was hit: the next step begins anew."""
+        state.extra[ACCELERATION][:] = state.extra[REDUCED_ACCELERATION][:] = 0.0
+
+    def keep_acceleration(self, state: State, before: State) -> None:
+        """Write down how an implicit Euler step from `before` to `state` has accelerated."""
+        h = self.model.dt
+        state.extra[ACCELERATION][:] = (state.velocities - before.velocities) / h
+        state.extra[ACCELERATION][self._held] = 0.0
+        reduced = (state.reduced_velocities - before.reduced_velocities) / h
+        reduced[self._led] = 0.0
+        state.extra[REDUCED_ACCELERATION][:] = reduced
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """See Stepper; that of implicit Euler."""
+        return self._euler.free_motion(state, control, parameters)
+
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+        """See Stepper."""
+        return self._euler.static_tangent(state, parameters, forces)
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        return self._euler.von_mises(state, parameters)
+
+
+def _of_regions(model: Model, state: State, rates: Array) -> Iterator[tuple[IndexArray, Array]]:
+    """Nodes (k,) of each region, and what rates of frames and joints (r, c) are of them, shape (c, k, 3)."""
+    motion = model.motion_subspace(state)
+    for region in model.regions:
+        moving = region.reduced
+        levers = state.positions[region.nodes][:, None] - motion.origin[moving]
+        jacobian = np.cross(motion.angular[moving], levers) + motion.linear[moving]
+        yield region.nodes, np.einsum("nki,kc->cni", jacobian, rates[moving])

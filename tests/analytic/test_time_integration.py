@@ -1,0 +1,183 @@
+"""The step of second order: its order, what rings rings on, and what touches comes to rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from contact_scenes import FLOOR, loose, touching
+from small_scenes import body, machine, scene, slab
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_core.dynamics.backends import make_stepper
+from softsim_core.dynamics.bossak import BossakStepper
+from softsim_core.dynamics.stepper import Stepper
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.control import Control
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.state import State
+from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
+from softsim_core.scene.builder import build
+from softsim_core.scene.description import SceneDescription, SolverSettings
+
+
+def with_method(description: SceneDescription, method: str, **settings: Any) -> SceneDescription:
+    solver = replace(description.solver, time_integration=method, **settings)
+    return replace(description, solver=solver)
+
+
+def swung(method: str, steps: int, backend: str = "auto", duration_s: float = 0.08) -> State:
+    """Where the machine is when joints of all kinds have moved smoothly and a side wind has risen."""
+    described = with_method(machine(), method, rayleigh_stiffness=0.001)
+    built = build(replace(described, dt=duration_s / steps))
+
+    def euler(model: Model) -> Any:
+        return make_stepper(model, backend)  # type: ignore[arg-type]
+
+    stepper: Stepper = euler(built.model)
+    if method == "bossak":
+        stepper = BossakStepper(euler(built.model), euler, 0.8)
+    state = built.model.rest_state()
+    begin, wind = state.joint_positions.copy(), np.zeros_like(built.model.rest)
+    wind[:, 1] = 0.01
+    for step in range(steps):
+        risen = np.sin(0.5 * np.pi * (step + 1) / steps) ** 4
+        targets = begin + risen * np.array([0.4, 0.2, 0.003, 0.004])
+        stepper.step(state, Control(targets, risen * wind), built.parameters)
+    return state
+
+
+def places(state: State) -> Array:
+    """All of it in [m], turns by a lever of 10 mm."""
+    turns = 0.01 * np.append(state.frame_rotations.ravel(), state.joint_positions)
+    return np.concatenate([state.positions.ravel(), state.frame_positions.ravel(), turns])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "least", "most"), [("implicit_euler", 0.8, 1.3), ("bossak", 1.8, 3.0)])
+def test_errors_fall_with_the_order_of_the_method(method: str, least: float, most: float) -> None:
+    fine = places(swung("bossak", 1024))
+    errors = [np.abs(places(swung(method, steps)) - fine).max() for steps in (32, 64, 128)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > least).all(), orders
+    assert (orders < most).all(), orders
+
+
+@pytest.mark.numba
+def test_both_back_ends_swing_alike() -> None:
+    pytest.importorskip("numba")
+    fast, readable = swung("bossak", 40, "numba"), swung("bossak", 40, "scipy")
+    np.testing.assert_allclose(places(fast), places(readable), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(fast.joint_efforts, readable.joint_efforts, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(fast.velocities, readable.velocities, rtol=0.0, atol=1e-10)
+
+
+def beam(method: str, dt: float, **settings: Any) -> SceneDescription:
+    """A clamped one of 7 Hz that falls from straight."""
+    bar = body(box_mesh((0.1, 0.02, 0.02), (8, 2, 2)), young_modulus=8e4, poisson_ratio=0.3)
+    described = scene(bar, attachments=(slab("clamp", "world", 0.0),), gravity=(0.0, 0.0, -2.0), dt=dt)
+    return with_method(described, method, **settings)
+
+
+def swings(description: SceneDescription, duration_s: float = 1.5) -> tuple[float, float]:
+    """Frequency in [Hz] and damping ratio of its tip."""
+    simulation, heights = Simulation(description), []
+    tip = int(np.argmax(simulation.positions[:, 0]))
+    for _ in range(round(duration_s / simulation.dt)):
+        simulation.step()
+        heights.append(simulation.positions[tip, 2])
+    z = np.array(heights)
+    turns = np.flatnonzero((z[1:-1] - z[:-2]) * (z[2:] - z[1:-1]) <= 0.0) + 1
+    left, middle, right = z[turns - 1], z[turns], z[turns + 1]
+    offset = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    times, extremes = (turns + offset) * simulation.dt, middle - 0.25 * (left - right) * offset
+    sizes = np.abs(np.diff(extremes))
+    frequency = 0.5 * (len(times) - 1) / (times[-1] - times[0])
+    return float(frequency), float(np.log(sizes[0] / sizes[-1]) / (np.pi * (len(sizes) - 1)))
+
+
+def test_a_beam_rings_as_long_as_its_damping_lets_it() -> None:
+    """In steps of 10 ms; implicit Euler adds 0.2 to the damping ratio."""
+    frequency, _ = swings(beam("bossak", 0.001))
+    coarse, own = swings(beam("bossak", 0.01))
+    assert coarse == pytest.approx(frequency, rel=0.025)
+    assert 0.0 < own < 0.006
+    assert swings(beam("implicit_euler", 0.01))[1] > 0.15
+    omega = 2.0 * np.pi * frequency
+    _, damped = swings(beam("bossak", 0.01, rayleigh_mass=2.25, rayleigh_stiffness=1.2e-3), 0.8)
+    assert damped == pytest.approx(2.25 / (2.0 * omega) + 0.5 * 1.2e-3 * omega, rel=0.1)
+
+
+def test_a_radius_of_0_damps_high_frequencies_most() -> None:
+    kept = [swings(beam("bossak", 0.01, spectral_radius=radius))[1] for radius in (1.0, 0.8, 0.5, 0.0)]
+    assert kept == sorted(kept)
+    assert kept[0] < 0.005 < 0.02 < kept[-1]
+
+
+def test_a_snapshot_brings_the_swing_back_bit_for_bit() -> None:
+    simulation = Simulation(beam("bossak", 0.01))
+    for _ in range(7):
+        simulation.step()
+    saved, runs = simulation.snapshot(), []
+    for _ in range(2):
+        simulation.restore(saved)
+        for _ in range(5):
+            simulation.step()
+        runs.append(simulation.snapshot())
+    assert runs[0] == runs[1] != saved
+
+
+def test_it_rests_where_implicit_euler_does() -> None:
+    ends = []
+    for method in ("bossak", "implicit_euler"):
+        simulation = Simulation(with_method(machine(), method, rayleigh_stiffness=0.02))
+        simulation.command([0.3, 0.2, 0.002, 0.003])
+        for _ in range(400):
+            simulation.step()
+        assert np.abs(simulation.velocities).max() < 1e-6
+        ends.append(np.append(simulation.positions.ravel(), simulation.joint_efforts))
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-5, atol=1e-6)
+
+
+def test_a_ball_that_lands_beside_a_swinging_beam_does_not_damp_it() -> None:
+    bar = body(box_mesh((0.1, 0.02, 0.02), (8, 2, 2), (0.2, 0.0, 0.1)), young_modulus=2e5, poisson_ratio=0.3)
+    ball = loose("ball", Shape(sphere=0.01), 0.02)
+    described = touching(FLOOR, ball, soft=(bar,), attachments=(slab("clamp", "world", 0.2),))
+    both = Simulation(with_method(described, "bossak"))
+    alone = Simulation(with_method(replace(described, rigid_bodies=(FLOOR,), collisions=()), "bossak"))
+    for _ in range(60):
+        both.step()
+        alone.step()
+    assert len(both.contacts.points) > 0
+    np.testing.assert_allclose(both.positions, alone.positions, atol=1e-12)
+
+
+def test_a_soft_block_lands_and_lies_still() -> None:
+    block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (0.0, 0.0, 0.05)), young_modulus=5e4)
+    described = touching(FLOOR, soft=(block,), rayleigh_stiffness=0.002)
+    simulation, least = Simulation(with_method(described, "bossak")), np.inf
+    for _ in range(200):
+        simulation.step()
+        least = min(least, float(simulation.contacts.gaps.min(initial=np.inf)))
+    assert least > -1e-6
+    assert np.abs(simulation.velocities).max() < 1e-4
+    still = Simulation(described)
+    for _ in range(200):
+        still.step()
+    np.testing.assert_allclose(simulation.positions[:, 2], still.positions[:, 2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"time_integration": "leapfrog"}, "one of implicit_euler, bossak, not leapfrog"),
+        ({"spectral_radius": 1.2}, "spectral_radius must be between 0 and 1, not 1.2"),
+    ],
+)
+def test_other_methods_are_refused(settings: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        SolverSettings(**settings)
