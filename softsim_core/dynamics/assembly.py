@@ -10,9 +10,10 @@ import scipy.sparse as sp
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.assembly import elastic_forces, stiffness_matrix
+from softsim_core.fem.prony import held_stiffness
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import State, held_name
 
 
 class Unknowns:
@@ -72,15 +73,36 @@ def node_stiffness(
     positive: bool = False,
     distant: bool = False,
     moved: Array | None = None,
+    mean_share: float = 1.0,
 ) -> sp.csr_matrix:
     """Stiffness of cells and soft fixings in [N/m], shape (3 n, 3 n).
 
     The exact derivative -df/dx, or the `positive` semidefinite one that a time step solves with; see
-    Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`:
-    see fem.assembly.cell_stiffness.
+    Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`
+    and `mean_share`: see fem.assembly.cell_stiffness.
     """
-    cells = stiffness_matrix(model.groups, state.positions, parameters.materials, positive, distant, moved)
+    cells = stiffness_matrix(
+        model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share
+    )
     return cells + sp.diags(np.repeat(model.spring, 3))
+
+
+def held_matrix(model: Model, state: State) -> sp.csr_matrix | None:
+    """What cells of relaxing laws hold during a step, in [N/m], (3 n, 3 n); see fem.prony. None: nothing."""
+    held = [
+        (group, held_stiffness(group, state.extra[held_name(k)]))
+        for k, group in enumerate(model.groups)
+        if held_name(k) in state.extra
+    ]
+    if not held:
+        return None
+    size = len(model.rest)
+    matrix = sp.csr_matrix((size, size))
+    for group, stiffness in held:
+        nodes = np.broadcast_to(group.cells[:, :, None], stiffness.shape)
+        places = (nodes.ravel(), np.swapaxes(nodes, 1, 2).ravel())
+        matrix = matrix + sp.coo_matrix((stiffness.ravel(), places), shape=matrix.shape)
+    return sp.kron(matrix, sp.eye(3), format="csr")
 
 
 def static_tangent(

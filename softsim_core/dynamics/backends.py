@@ -8,7 +8,7 @@ from functools import cache
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.dynamics import Backend
 from softsim_core.dynamics.scipy_backend import ScipyStepper
-from softsim_core.dynamics.stepper import EulerStepper
+from softsim_core.dynamics.stepper import Stepper
 from softsim_core.errors import SceneError
 from softsim_core.linalg.solvers import AUTO, COMPILED, linear_solver
 from softsim_core.mechanics.model import Model
@@ -16,7 +16,7 @@ from softsim_core.mechanics.model import Model
 
 def make_stepper(
     model: Model, backend: Backend, actuators: Actuators | None = None, solver: str = AUTO
-) -> EulerStepper:
+) -> Stepper:
     """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once).
 
     Args:

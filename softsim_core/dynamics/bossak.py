@@ -12,9 +12,10 @@ it is an implicit Euler step of length p = h beta / gamma with other masses, sta
 .. math:: v \to (v + h (\tfrac12 - \beta / \gamma) a) h / p, \quad M \to M p / s, \quad
     f \to f + M a ((1 - \gamma) (1 - \alpha) / \gamma - \alpha), \quad s = h \gamma / (1 - \alpha)
 
-so the steppers of implicit Euler do it. Where no acceleration is known yet, it is that of an implicit Euler
-step that is taken back. Where something touches what deforms, a step is one of implicit Euler: it forgets at
-once what an impact does.
+so the steppers of implicit Euler do it. Damping takes the mean velocity of the step, and is of first order:
+the one at its end is a motion of places that the nodes have not reached, and would damp the turning of a
+body. Where no acceleration is known yet, it is that of an implicit Euler step that is taken back. Where
+something touches what deforms, a step is one of implicit Euler: it forgets at once what an impact does.
 
 Sources: Wood, Bossak, Zienkiewicz 1980, An alpha modification of Newmark's method; Chung, Hulbert 1993.
 """
@@ -31,7 +32,7 @@ from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.assembly import top_speed
 from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.stepper import EulerStepper, FreeMotion, StaticTangent
+from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import FREE, Model
 from softsim_core.mechanics.state import ACCELERATION, REDUCED_ACCELERATION, State
@@ -40,11 +41,10 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class _Start(NamedTuple):
-    """Velocities of nodes (n, 3) and of frames and joints (r,), velocities that cells resist, what acts."""
+    """Velocities of nodes (n, 3) and of frames and joints (r,), and what acts."""
 
     velocities: Array
     reduced: Array
-    resisted: Array
     control: Control
 
 
@@ -57,9 +57,7 @@ class BossakStepper:
         spectral_radius: r, from 0 to 1: of the highest frequencies so much is left after each step.
     """
 
-    def __init__(
-        self, euler: EulerStepper, of_model: Callable[[Model], EulerStepper], spectral_radius: float
-    ) -> None:
+    def __init__(self, euler: Stepper, of_model: Callable[[Model], Stepper], spectral_radius: float) -> None:
         self.name, self.compiled = euler.name, euler.compiled
         self.model, self.actuators = euler.model, euler.actuators
         model, self._euler = euler.model, euler
@@ -98,50 +96,40 @@ class BossakStepper:
             for name in (ACCELERATION, REDUCED_ACCELERATION):
                 before.extra[name][:] = state.extra[name]
             state.copy_from(before)
-        start = self._start_of(before, control, parameters)
+        start = self._start_of(before, control)
         state.velocities[:], state.reduced_velocities[:] = start.velocities, start.reduced
-        report = self._step.step(
-            state,
-            start.control,
-            replace(parameters, rayleigh_mass=parameters.rayleigh_mass / self._lighter),
-            resisted=start.resisted,
+        damping = replace(  # takes the mean velocity of the step
+            parameters,
+            rayleigh_stiffness=parameters.rayleigh_stiffness * self._length / self.model.dt,
+            rayleigh_mass=parameters.rayleigh_mass * self._span / self.model.dt,
         )
+        report = self._step.step(state, start.control, damping)
         self._end(state, before, start)
         springs = self._stiffness * (control.targets - state.joint_positions)
         state.joint_efforts[self._compliant] = springs[self._compliant]
         return replace(report, top_speed=top_speed(self.model, state))
 
-    def _start_of(self, before: State, control: Control, parameters: Parameters) -> _Start:
+    def _start_of(self, before: State, control: Control) -> _Start:
         """What the implicit Euler step of other length begins with."""
-        model, h, damping = self.model, self.model.dt, parameters.rayleigh_stiffness
+        model, h = self.model, self.model.dt
         a, b = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
         start = self._start * (before.velocities + self._drift * a)
-        reduced, end = self._start * (before.reduced_velocities + self._drift * b), before.reduced_velocities
+        reduced = self._start * (before.reduced_velocities + self._drift * b)
         if len(self._led):  # where a joint is led, its way and its acceleration are known
             way = control.targets[self._led_joints] - before.joint_positions[self._led_joints]
             gains = (way / h - before.reduced_velocities[self._led]) * self._span / h
             reduced[self._led] = way / self._length - gains
-            end = end.copy()
-            end[self._led] = way / h - gains + 0.5 * gains * h / self._span
-        known, carried = before.velocities, self._carried * a
+        carried = self._carried * a
         if model.regions:
-            known = known.copy()
-            rates = np.stack([reduced, end, self._carried * b])
+            rates = np.stack([reduced, self._carried * b])
             own = self._regions.nodes
-            start[own], known[own], carried[own] = self._regions.rates(before, rates)
-        carried += parameters.rayleigh_mass * (start - known)
+            start[own], carried[own] = self._regions.rates(before, rates)
         targets, forces = control.targets.copy(), control.forces + model.mass[:, None] * carried
         if len(self._compliant):
             joints, first = self._compliant, len(b) - len(targets)
-            shift = damping * (reduced - before.reduced_velocities)[first + joints]
             inert = self._carried * self._inertia[joints] * b[first + joints]
-            targets[joints] += shift + inert / self._stiffness[joints]
-        return _Start(
-            start,
-            reduced,
-            (self._length * start + damping * known) / (self._length + damping),
-            replace(control, targets=targets, forces=forces),
-        )
+            targets[joints] += inert / self._stiffness[joints]
+        return _Start(start, reduced, replace(control, targets=targets, forces=forces))
 
     def _end(self, state: State, before: State, start: _Start) -> None:
         """Velocities and accelerations by what the step has changed."""

@@ -12,6 +12,7 @@ from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import (
     Unknowns,
+    held_matrix,
     jacobian,
     node_stiffness,
     static_forces,
@@ -50,11 +51,9 @@ class ScipyStepper:
         self._matrices = Factoriser(solver, int((at.solved >= at.first_reduced).sum()))
         self._tangents = Factoriser(solver)
 
-    def step(
-        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
-    ) -> StepReport:
-        """See EulerStepper."""
-        return self._advance(state, control, parameters, resisted).report
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        return self._advance(state, control, parameters).report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> ScipyFreeMotion:
         """See Stepper."""
@@ -62,14 +61,12 @@ class ScipyStepper:
         before.copy_from(state)
         return ScipyFreeMotion(self.model, self._unknowns, self._advance(state, control, parameters), before)
 
-    def _advance(
-        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
-    ) -> _Solved:
+    def _advance(self, state: State, control: Control, parameters: Parameters) -> _Solved:
         started = perf_counter()
         control.check(len(self.model.joints), len(self.model.rest))
         model, h, at = self.model, self.model.dt, self._unknowns
         before, moved = state.positions.copy(), state.extra.get(MOVED)
-        matrix, rhs, mapping = self.system(state, control, parameters, moved, resisted)
+        matrix, rhs, mapping = self.system(state, control, parameters, moved)
         assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
         wanted = (targets - state.joint_positions)[at.prescribed] / h
@@ -79,7 +76,7 @@ class ScipyStepper:
         if len(at.solved):
             factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             if moved is not None and not factors.positive:
-                matrix, rhs, mapping = self.system(state, control, parameters, None, resisted)
+                matrix, rhs, mapping = self.system(state, control, parameters)
                 factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
@@ -144,12 +141,7 @@ class ScipyStepper:
         return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
 
     def system(
-        self,
-        state: State,
-        control: Control,
-        parameters: Parameters,
-        moved: Array | None = None,
-        resisted: Array | None = None,
+        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
     ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
         """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
 
@@ -158,7 +150,6 @@ class ScipyStepper:
             control: See Stepper.
             parameters: See Stepper.
             moved: See fem.assembly.cell_stiffness.
-            resisted: See EulerStepper.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
@@ -166,11 +157,14 @@ class ScipyStepper:
         """
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
-        stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved)
+        stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved, mean_share=h / lag)
         force = static_forces(model, state, parameters, control.forces)
+        held = held_matrix(model, state)
+        if held is not None:
+            stiffness = stiffness + held
+            force -= (held @ state.positions.ravel()).reshape(-1, 3)
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
-        velocities = state.velocities if resisted is None else resisted
-        straining = self._turning.straining(state.positions, velocities)
+        straining = self._turning.straining(state.positions, state.velocities)
         force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)
         inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass
         full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))

@@ -79,24 +79,6 @@ class Stepper(Protocol):
         ...
 
 
-class EulerStepper(Stepper, Protocol):
-    """A step on which others can be built: see `Stepper`."""
-
-    def step(
-        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
-    ) -> StepReport:
-        """As Stepper.step.
-
-        Args:
-            state: As there.
-            control: As there.
-            parameters: As there.
-            resisted: Velocities of the nodes in [m/s] that cells and soft fixings resist, (h + r_K) K v, in
-                place of those of the state, shape (n, 3).
-        """
-        ...
-
-
 class FreeMotion(Protocol):
     """A step as if nothing touched, and what impulses on constraint rows add to it.
 

@@ -78,6 +78,7 @@ def cell_stiffness(
     positive: bool = False,
     distant: bool = False,
     moved: Array | None = None,
+    mean_share: float = 1.0,
 ) -> Array:
     """-df_a/dx_b of each cell in [N/m], shape (m, a, a, 3, 3).
 
@@ -87,6 +88,8 @@ def cell_stiffness(
     mean volume take the pressure that this solve found, to first order, instead of that of the positions it
     led to. So one iteration is enough for a step, also where the material is nearly incompressible; nothing
     is made positive then. Source: Magisano, Leonetti, Garcea 2017, Advantages of the mixed format.
+
+    With a `mean_share` below 1, the answer to the mean volume has so much of its stiffness.
     """
     law, gradients = mean_volume_law(group), deformation_gradients(group, positions)
     p, m, q, a = p[:, None], *group.gradients.shape[:3]
@@ -103,7 +106,7 @@ def cell_stiffness(
         at = law.tangent_at
     blocks = _blocks(group, at(gradients, p, np.broadcast_to(at_points, (m, q)), pressure))
     volume = _volume_gradient(group, law, gradients).reshape(m, 3 * a)
-    rank_one = (on_mean / group.volumes[:, None] * volume)[:, :, None] * volume[:, None]
+    rank_one = (mean_share * on_mean / group.volumes[:, None] * volume)[:, :, None] * volume[:, None]
     return blocks + rank_one.reshape(m, a, 3, a, 3).swapaxes(2, 3)
 
 
@@ -190,12 +193,14 @@ def stiffness_matrix(
     positive: bool = False,
     distant: bool = False,
     moved: Array | None = None,
+    mean_share: float = 1.0,
 ) -> sp.csr_matrix:
     """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n); arguments as above."""
     size = 3 * len(positions)
     rows, columns, values = [], [], []
     for group in groups:
-        blocks = cell_stiffness(group, positions, group.values(materials), positive, distant, moved)
+        p = group.values(materials)
+        blocks = cell_stiffness(group, positions, p, positive, distant, moved, mean_share)
         unknowns = 3 * group.cells[:, :, None] + np.arange(3)
         rows.append(np.broadcast_to(unknowns[:, :, None, :, None], blocks.shape).ravel())
         columns.append(np.broadcast_to(unknowns[:, None, :, None, :], blocks.shape).ravel())

@@ -19,6 +19,16 @@ REDUCED_ACCELERATION = "reduced_acceleration"
 """Name in State.extra of those of frames and joints, shape (r,)."""
 
 
+def memory_name(group: int) -> str:
+    """Name in State.extra of what the cells of a relaxing law remember; see fem.prony."""
+    return f"memory_{group}"
+
+
+def held_name(group: int) -> str:
+    """Name in State.extra of the stress that these hold during a step in [Pa]."""
+    return f"held_{group}"
+
+
 class State:
     """State of a simulation: named views of one buffer, changed in place.
 

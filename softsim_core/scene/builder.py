@@ -15,10 +15,12 @@ from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
 from softsim_core.fem.mass import volume_shares
+from softsim_core.fem.materials.relaxing import Relaxing
+from softsim_core.fem.prony import memory_shape
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.mechanics.state import ACCELERATION, MOVED, REDUCED_ACCELERATION
+from softsim_core.mechanics.state import ACCELERATION, MOVED, REDUCED_ACCELERATION, held_name, memory_name
 from softsim_core.mesh import (
     SurfaceMesh,
     TetMesh,
@@ -102,6 +104,10 @@ def _extra_state(scene: SceneDescription, model: Model) -> dict[str, tuple[int, 
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,)}
+    for k, group in enumerate(model.groups):
+        if isinstance(group.material, Relaxing):
+            shapes[memory_name(k)] = memory_shape(group)
+            shapes[held_name(k)] = (*group.weights.shape, 3, 3)
     return shapes
 
 
@@ -143,6 +149,16 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
             mass[body.nodes] = total / len(own)
         else:
             mass[body.nodes] = total / own.sum() * own
+        for added in description.added_masses:
+            region = added.box or added.sphere
+            assert region is not None  # checked by the description
+            nodes = nodes_in(region, body.mesh.points) + body.nodes.start
+            if len(nodes) == 0:
+                raise SceneError(
+                    f"body {body.name}: no node of it lies inside the region of an added mass; move or "
+                    f"enlarge it (the body spans {body.mesh.points.min(0)} to {body.mesh.points.max(0)} m)"
+                )
+            mass[nodes] += added.mass / len(nodes)
     return mass
 
 

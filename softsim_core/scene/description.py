@@ -36,6 +36,25 @@ MassDistribution: TypeAlias = Literal["volume", "equal"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AddedMassDescription:
+    """Mass that the nodes of a region carry beside their body's, spread evenly: a load, a sensor, a nut.
+
+    Attributes:
+        mass: In [kg], > 0.
+        box, sphere: The region, exactly one; nodes are chosen once, on the rest shape.
+    """
+
+    mass: float
+    box: Box | None = None
+    sphere: Sphere | None = None
+
+    def __post_init__(self) -> None:
+        need_positive("added mass", "mass", self.mass, "kg")
+        if (self.box is None) == (self.sphere is None):
+            raise SceneError("added mass: give exactly one of box and sphere")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BodyDescription:
     """A deformable body.
 
@@ -49,6 +68,7 @@ class BodyDescription:
         mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
             nodes. "equal": every node has the same, as in the reference simulator, which makes the inertia
             of coarse meshes much too large.
+        added_masses: What parts of it carry.
         velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
         colour: Red, green, blue, alpha in 0..1, for pictures only.
@@ -64,6 +84,7 @@ class BodyDescription:
     density: float | None = None
     total_mass: float | None = None
     mass_distribution: MassDistribution = "volume"
+    added_masses: tuple[AddedMassDescription, ...] = ()
     velocity: Vector = (0.0, 0.0, 0.0)
     surface: MeshFile | None = None
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
@@ -205,8 +226,8 @@ class SolverSettings:
             leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
-        time_integration: "implicit_euler", or "bossak" of second order, for what shall ring as the real
-            thing does; see dynamics.bossak.
+        time_integration: "implicit_euler", or "bossak", of second order, for what shall ring as
+            the real thing does; see dynamics.bossak.
         spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
         substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
             one: 1 (always whole), 2, 4 and so on up to 64.

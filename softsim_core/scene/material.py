@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import MaterialError, SceneError, listing
 from softsim_core.fem.materials import Material, MaterialParameter, material
 from softsim_core.fem.materials.elastomers import (
     DEFAULT_FIT,
@@ -13,6 +13,7 @@ from softsim_core.fem.materials.elastomers import (
     elastomer,
     stiffness_warning,
 )
+from softsim_core.fem.materials.relaxing import SHARE, TIME, relaxing
 from softsim_core.values import FieldError
 
 DEFAULT_LAW = "corotational"
@@ -27,11 +28,14 @@ class MaterialDescription:
     in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5).
     `MaterialDescription(preset="Dragon Skin 20", stiffness_factor=1.75)` has the constants of an elastomer of
     the table, all but those that are given.
+    `prony=((0.1, 0.9),)` lets shares of the answer to shear fade, each with its time in [s]; see
+    fem.materials.relaxing. They are parameters, too: prony_share_1, prony_time_1 and so on.
 
     Attributes:
         law: Name of the law, see fem.materials; None: "corotational", or "corotational_qr" where the solver's
             rotation is "qr"; of a preset the law of its default fit.
         preset: Name of an elastomer, see fem.materials.elastomers, or None.
+        terms: How many Prony terms there are.
         values: All parameters by name, in the order of the law; those not given have their defaults.
 
     Raises:
@@ -39,19 +43,31 @@ class MaterialDescription:
         SceneError: the law or the preset is unknown, or the law has no such parameter.
     """
 
-    __slots__ = ("law", "preset", "values")
+    __slots__ = ("law", "preset", "terms", "values")
 
     law: str | None
     preset: str | None
+    terms: int
     values: dict[str, float]
 
-    def __init__(self, *, law: str | None = None, preset: str | None = None, **values: float) -> None:
+    def __init__(
+        self,
+        *,
+        law: str | None = None,
+        preset: str | None = None,
+        prony: Sequence[tuple[float, float]] = (),
+        **values: float,
+    ) -> None:
+        for i, (share, time) in enumerate(prony, start=1):
+            values |= {f"{SHARE}_{i}": share, f"{TIME}_{i}": time}
+        terms = sum(name.startswith(SHARE) for name in values)
         if preset is not None:
             law, preset = law or DEFAULT_FIT, elastomer(preset).name
             values = {**preset_values(preset, law), **values}
         object.__setattr__(self, "law", law)
         object.__setattr__(self, "preset", preset)
-        object.__setattr__(self, "values", _checked(_law_of(law), values))
+        object.__setattr__(self, "terms", terms)
+        object.__setattr__(self, "values", _checked(_law_of(law, terms), values))
 
     @property
     def known_density(self) -> float | None:
@@ -67,11 +83,11 @@ class MaterialDescription:
 
     def law_for(self, rotation: str) -> Material:
         """The law, where bodies that name none have the solver's `rotation`, "polar" or "qr"."""
-        return material(self.law or (REFERENCE_LAW if rotation == "qr" else DEFAULT_LAW))
+        return _law_of(self.law or (REFERENCE_LAW if rotation == "qr" else DEFAULT_LAW), self.terms)
 
     def changed(self, **values: float) -> MaterialDescription:
         """The same law with other values."""
-        return MaterialDescription(law=self.law, preset=self.preset, **{**self.values, **values})
+        return MaterialDescription(law=self.law, preset=self.preset, prony=(), **{**self.values, **values})
 
     def __getattr__(self, name: str) -> float:
         if name in self.__slots__ or name not in self.values:
@@ -101,11 +117,15 @@ class MaterialDescription:
     def plain(self) -> dict[str, Any]:
         """The form that scene files have."""
         law = {} if self.law is None else {"law": self.law}
+        values, prony = dict(self.values), []
+        for i in range(1, self.terms + 1):
+            prony.append({"share": values.pop(f"{SHARE}_{i}"), "time": values.pop(f"{TIME}_{i}")})
+        fading: dict[str, Any] = {"prony": prony} if prony else {}
         if self.preset is None:
-            return law | self.values
+            return law | values | fading
         own = preset_values(self.preset, self.law or DEFAULT_FIT)
-        given = {name: value for name, value in self.values.items() if value != own[name]}
-        return {"preset": self.preset} | ({} if self.law == DEFAULT_FIT else law) | given
+        given = {name: value for name, value in values.items() if value != own[name]}
+        return {"preset": self.preset} | ({} if self.law == DEFAULT_FIT else law) | given | fading
 
 
 def law_parameters(law: object) -> tuple[MaterialParameter, ...]:
@@ -120,13 +140,19 @@ def preset_values(preset: str, law: str) -> dict[str, float]:
 
 
 def _described(law: str | None, preset: str | None, values: Mapping[str, float]) -> MaterialDescription:
-    return MaterialDescription(law=law, preset=preset, **values)
+    return MaterialDescription(law=law, preset=preset, prony=(), **values)
 
 
-def _law_of(law: object) -> Material:
+def _law_of(law: object, terms: int = 0) -> Material:
     if law is not None and not isinstance(law, str):
         raise FieldError("material", "law", law, "the name of a material law")
-    return material(law or DEFAULT_LAW)
+    found = material(law or DEFAULT_LAW)
+    if not terms:
+        return found
+    try:
+        return relaxing(found, terms)
+    except MaterialError as error:
+        raise SceneError(f"material: {error}") from error
 
 
 def _checked(law: Material, values: Mapping[str, float]) -> dict[str, float]:

@@ -226,7 +226,7 @@ def _material(value: Any, _: Any) -> MaterialDescription:
         raise _RefusedError(f"must be {error.allowed}, not {_shown(law)}", ("law",)) from None
     except SceneError as error:
         raise _RefusedError(str(error), ("law",)) from None
-    _refuse_unknown(value, ["law", "preset", *(each.name for each in parameters)])
+    _refuse_unknown(value, ["law", "preset", "prony", *(each.name for each in parameters)])
     values = {}
     for parameter in parameters:
         name = parameter.name
@@ -238,7 +238,26 @@ def _material(value: Any, _: Any) -> MaterialDescription:
             values[name] = _number(value[name], float)
         except _RefusedError as error:
             raise _RefusedError(error.problem, (name,)) from None
-    return MaterialDescription(law=law, preset=preset, **values)
+    return MaterialDescription(law=law, preset=preset, prony=_prony(value.get("prony", ())), **values)
+
+
+def _prony(value: Any) -> tuple[tuple[float, float], ...]:
+    """Shares and times of Prony terms."""
+    if not isinstance(value, list | tuple):
+        raise _RefusedError(f"must be a list of terms with share and time, not {_shown(value)}", ("prony",))
+    terms = []
+    for i, term in enumerate(value):
+        where = ("prony", i)
+        if not isinstance(term, Mapping) or set(term) != {"share", "time"}:
+            raise _RefusedError(f"must have share and time and nothing else, not {_shown(term)}", where)
+        numbers = {}
+        for name in ("share", "time"):
+            try:
+                numbers[name] = _number(term[name], float)
+            except _RefusedError as error:
+                raise _RefusedError(error.problem, (*where, name)) from None
+        terms.append((numbers["share"], numbers["time"]))
+    return tuple(terms)
 
 
 def _preset_law(preset: Any, law: Any) -> str:

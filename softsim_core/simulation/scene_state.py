@@ -19,8 +19,9 @@ from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
-from softsim_core.dynamics.stepper import EulerStepper, Stepper
+from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
+from softsim_core.dynamics.viscous_step import ViscousStepper, relaxing_groups
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.state import State
@@ -69,11 +70,12 @@ class SceneState:
         smooth = None
         if settings.time_integration == "bossak":
             smooth = BossakStepper(euler, self._euler_of, settings.spectral_radius)
-        if collisions is None and not model.rigid.names:
-            return smooth or euler
-        return ContactStepper(euler, collisions, smooth)
+        stepper: Stepper = smooth or euler
+        if collisions is not None or model.rigid.names:
+            stepper = ContactStepper(euler, collisions, smooth)
+        return ViscousStepper(stepper) if relaxing_groups(model) else stepper
 
-    def _euler_of(self, model: Model) -> EulerStepper:
+    def _euler_of(self, model: Model) -> Stepper:
         return make_stepper(model, self._backend, self._actuators, self._linear_solver)
 
     def _part_stepper(self, dt: float) -> Stepper:

@@ -17,6 +17,7 @@ from softsim_core.dynamics import Backend
 from softsim_core.dynamics.contact_step import runaway_speed
 from softsim_core.dynamics.report import nothing
 from softsim_core.dynamics.statics import StaticSolution, solve_static
+from softsim_core.dynamics.viscous_step import let_relax
 from softsim_core.errors import (
     DetectionOverflowError,
     FactorisationError,
@@ -393,6 +394,7 @@ class Simulation(SceneState):
         """
         solution = self.equilibrium(joints, base_shift, tolerance=tolerance)
         self._state.copy_from(solution.state)
+        let_relax(self.model, self._state, self.parameters)
         self._drive.place(np.array(joints, dtype=float), self.base_shift)
         return solution
 

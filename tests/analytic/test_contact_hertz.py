@@ -99,4 +99,5 @@ def test_a_pressed_ball_follows_hertz() -> None:
         stiffness = YOUNG / (1.0 - POISSON**2)
         hertz = 4.0 / 3.0 * stiffness * math.sqrt(RADIUS + DISTANCE) * depth**1.5
         assert forces[-1] == pytest.approx(hertz, rel=0.1)
-        assert np.ptp(forces[-4:]) < 0.015 * forces[-1]
+        # which of some forty triangles touch is decided anew in each step, by the last bits of rounding
+        assert np.ptp(forces[-4:]) < 0.03 * forces[-1]

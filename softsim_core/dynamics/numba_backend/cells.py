@@ -70,7 +70,7 @@ class PlannedCells:
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
         self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(self._paired_groups, nodes, local, layout)
+        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout)
         self._beside_linear = [
             (group.cells, np.ascontiguousarray(np.swapaxes(group.gradients, 2, 3)))
             for group in self._paired_groups

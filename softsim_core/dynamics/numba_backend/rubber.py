@@ -20,6 +20,7 @@ from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.fem.assembly import mean_volume_law, split_bulk
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.first_invariant import SeriesRubber
+from softsim_core.fem.materials.relaxing import Relaxing, law_within
 
 
 class RubberCells(NamedTuple):
@@ -57,10 +58,12 @@ def rubber_cells(group: ElementGroup) -> RubberCells:
 
 def tune(cells: RubberCells, group: ElementGroup, p: Array) -> None:
     """Take over the values p (m, k) of the law's parameters."""
-    law = group.material
-    assert isinstance(law, SeriesRubber)  # see cells.is_compiled
-    cells.series[:] = law.series(p)
-    cells.slope[:] = law.rest_moduli(p).slope
+    law, left = law_within(group.material), np.ones(len(p))
+    if isinstance(group.material, Relaxing):
+        left, p = group.material.left(p), group.material.own(p)
+    assert isinstance(law, SeriesRubber)  # see PairedCells
+    cells.series[:] = left[:, None] * law.series(p)
+    cells.slope[:] = left * law.rest_moduli(p).slope
     if mean_volume_law(group) is None:
         cells.bulk[:, 0], cells.bulk[:, 1] = law.bulk(p), 0.0
     else:
@@ -93,7 +96,14 @@ def cofactor_of(f: Array, out: Array) -> float:
 
 @kernel
 def fill_rubber(
-    x: Array, moved: Array, velocities: Array, lag: float, cells: RubberCells, forces: Array, blocks: Array
+    x: Array,
+    moved: Array,
+    velocities: Array,
+    lag: float,
+    mean_share: float,
+    cells: RubberCells,
+    forces: Array,
+    blocks: Array,
 ) -> None:
     """Add f - lag K v of the cells to the forces (n, 3), and put their stiffness.
 
@@ -101,6 +111,7 @@ def fill_rubber(
         x: Positions in [m], shape (n, 3).
         moved: See fem.assembly.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
         velocities: In [m/s], shape (n, 3).
+        mean_share: See fem.assembly.cell_stiffness.
         lag: In [s].
         cells: The cells.
         forces: In [N], shape (n, 3).
@@ -146,7 +157,7 @@ def fill_rubber(
             at_point = w * bulk[e, 0]
             gradient_at(velocities, cells, e, q, df)
             along = (f[q] * df).sum()
-            pressure = at_point * change[q] + w * bulk[e, 1] * straining
+            pressure = at_point * change[q] + w * mean_share * bulk[e, 1] * straining
             for i in range(3):
                 r, s = (i + 1) % 3, (i + 2) % 3
                 for j in range(3):
@@ -202,7 +213,7 @@ def fill_rubber(
                                         + h2 * gradients[e, q, 2, n]
                                     )
                                 )
-        scale, place = bulk[e, 1] / volume, e * a * a
+        scale, place = mean_share * bulk[e, 1] / volume, e * a * a
         for m in range(a):
             for n in range(a):
                 for i in range(3):

@@ -13,9 +13,11 @@ from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells
 from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.first_invariant import SeriesRubber
+from softsim_core.fem.materials.relaxing import law_within
+from softsim_core.fem.prony import held_stiffness
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.symbolic import Plan
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import State, held_name
 
 
 @kernel
@@ -54,17 +56,30 @@ class PairedCells:
 
     Args:
         groups: Their groups, without cells that are rigid as a whole.
+        whole: All groups of the model, with them.
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
     """
 
-    def __init__(self, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan) -> None:
+    def __init__(
+        self,
+        groups: Sequence[ElementGroup],
+        whole: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+    ) -> None:
         self._groups = [
-            (group, rubber_cells(group) if isinstance(group.material, SeriesRubber) else None)
+            (group, rubber_cells(group) if isinstance(law_within(group.material), SeriesRubber) else None)
             for group in groups
             if len(group.cells)
         ]
+        kinds = [(group.element.name, group.material.name) for group in whole]
+        self._places = []
+        for group, _ in self._groups:
+            k = kinds.index((group.element.name, group.material.name))
+            self._places.append((k, np.searchsorted(whole[k].numbers, group.numbers)))
         ordered = [node_pairs(group.cells) for group, _ in self._groups]
         both = np.concatenate([np.zeros((0, 2), np.int64), *ordered])
         self.pairs = _placed(both, nodes, local, layout)
@@ -87,6 +102,7 @@ class PairedCells:
         lag: float = 0.0,
         straining: Array | None = None,
         moved: Array | None = None,
+        mean_share: float = 1.0,
     ) -> Array:
         """Set the blocks at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
@@ -95,26 +111,47 @@ class PairedCells:
             materials: Parameters of each body's law by name.
             positive: See fem.assembly.cell_stiffness.
             lag: In [s].
-            straining: The velocities v in [m/s], shape (n, 3); None: there are none.
+            straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
             moved: See fem.assembly.cell_stiffness.
+            mean_share: See there.
         """
         forces, first = np.zeros_like(state.positions), 0
         velocities = np.zeros_like(forces) if straining is None else straining
-        for group, compiled in self._groups:
+        for k, (group, compiled) in enumerate(self._groups):
             count = group.cells.size * group.cells.shape[1]
             blocks = self.pairs.blocks[first : first + count]
             first += count
             if compiled is not None and (not positive or (moved is not None and mean_volume_law(group))):
                 by = forces[:0] if moved is None else moved
-                self._fill_rubber(state.positions, by, velocities, lag, compiled, forces, blocks)
+                self._fill_rubber(state.positions, by, velocities, lag, mean_share, compiled, forces, blocks)
+                if straining is not None:
+                    self._hold(k, state, lag, velocities, forces, blocks)
                 continue
             p = group.values(materials)
-            stiffness = cell_stiffness(group, state.positions, p, positive, moved=moved)
+            stiffness = cell_stiffness(
+                group, state.positions, p, positive, moved=moved, mean_share=mean_share
+            )
             on_nodes = cell_forces(group, state.positions, p)
             on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
             np.add.at(forces, group.cells, on_nodes)
             blocks[:] = stiffness.reshape(-1, 3, 3)
+            if straining is not None:
+                self._hold(k, state, lag, velocities, forces, blocks)
         return forces
+
+    def _hold(
+        self, k: int, state: State, lag: float, velocities: Array, forces: Array, blocks: Array
+    ) -> None:
+        """Add what cells of a relaxing law hold; see fem.prony."""
+        place, chosen = self._places[k]
+        held = state.extra.get(held_name(place))
+        if held is None:
+            return
+        group = self._groups[k][0]
+        stiffness = held_stiffness(group, held[chosen])
+        ahead = (state.positions + lag * velocities)[group.cells]
+        np.add.at(forces, group.cells, -(stiffness @ ahead))
+        blocks[:, range(3), range(3)] += stiffness.reshape(-1, 1)
 
 
 def node_pairs(cells: IndexArray) -> IndexArray:

@@ -171,42 +171,36 @@ class NumbaStepper:
         self._advance, self._factor = OneSignature(advance), OneSignature(factor)
         self._assemble_tangent = OneSignature(assemble_tangent)
 
-    def step(
-        self, state: State, control: Control, parameters: Parameters, resisted: Array | None = None
-    ) -> StepReport:
-        """See EulerStepper."""
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
         control.check(len(self.model.joints), len(self.model.rest))
         moved = state.extra.get(MOVED)
-        resisted = state.velocities if resisted is None else resisted
         if moved is None:
-            return self._step(state, control, parameters, resisted)
+            return self._step(state, control, parameters)
         before = self._start
         before.copy_from(state)
-        report = self._step(state, control, parameters, resisted, moved)
+        report = self._step(state, control, parameters, moved)
         if not report.positive:
             state.copy_from(before)
-            report = self._step(state, control, parameters, resisted)
+            report = self._step(state, control, parameters)
         moved[:] = state.positions - before.positions
         return report
 
     def _step(
-        self,
-        state: State,
-        control: Control,
-        parameters: Parameters,
-        resisted: Array,
-        moved: Array | None = None,
+        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
     ) -> StepReport:
         """One step; `moved`: see fem.assembly.cell_stiffness."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
         external = control.forces + self._weight
-        straining = self._turning.straining(state.positions, resisted)
+        straining = self._turning.straining(state.positions, state.velocities)
         if self._soft:
-            external -= model.spring[:, None] * (state.positions + lag * resisted - model.rest)
+            external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
         if data.cells.paired:
-            external += data.cells.paired.fill(state, parameters.materials, True, lag, straining, moved)
+            external += data.cells.paired.fill(
+                state, parameters.materials, True, lag, straining, moved, model.dt / lag
+            )
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
