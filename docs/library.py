@@ -22,8 +22,8 @@ GROUPS: dict[str, str] = {
     ),
     "What is simulated": (
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "
-        "AttachmentDescription RigidBodyDescription Shape CollisionDescription ContactSettings "
-        "SolverSettings Placement Box Sphere MeshFile"
+        "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
+        "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),
     "Actuators of one's own": (
         "Actuator ActuatorDescription register_actuator Surroundings Placed line_stiffness "

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         register_actuator,
     )
     from softsim_core.actuation.cable import CableDescription, CableView
+    from softsim_core.actuation.chamber import ChamberDescription
     from softsim_core.actuation.line import line_stiffness
     from softsim_core.actuation.trajectory import JointTrajectory
     from softsim_core.contact.settings import ContactSettings
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from softsim_core.scene.board import BoardDescription, ServoCalibration
     from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
     from softsim_core.scene.description import (
+        AddedMassDescription,
         AttachmentDescription,
         BodyDescription,
         JointDescription,
@@ -96,6 +98,7 @@ __all__ = [
     "ActuatorDescription",
     "ActuatorKind",
     "ActuatorView",
+    "AddedMassDescription",
     "ArrayError",
     "AttachmentDescription",
     "BoardDescription",
@@ -104,6 +107,7 @@ __all__ = [
     "CableDescription",
     "CableView",
     "Camera",
+    "ChamberDescription",
     "CollisionDescription",
     "CommandError",
     "CommandSettings",
@@ -198,6 +202,7 @@ _NAMES = {
         "register_actuator"
     ),
     "softsim_core.actuation.cable": "CableDescription CableView",
+    "softsim_core.actuation.chamber": "ChamberDescription",
     "softsim_core.actuation.line": "line_stiffness",
     "softsim_core.actuation.trajectory": "JointTrajectory",
     "softsim_core.contact.settings": "ContactSettings",
@@ -227,7 +232,8 @@ _NAMES = {
     "softsim_core.scene.board": "BoardDescription ServoCalibration",
     "softsim_core.scene.control": "CommandSettings InverseSettings KeyBinding StartAnimation",
     "softsim_core.scene.description": (
-        "AttachmentDescription BodyDescription JointDescription SceneDescription SolverSettings"
+        "AddedMassDescription AttachmentDescription BodyDescription JointDescription SceneDescription "
+        "SolverSettings"
     ),
     "softsim_core.scene.material": "MaterialDescription",
     "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",

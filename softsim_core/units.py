@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 MILLIMETRE = 1.0e-3
 """One millimetre in [m]."""
@@ -16,3 +17,37 @@ def radians(angle_deg: float) -> float:
 def degrees(angle_rad: float) -> float:
     """Angle in [deg] of an angle in [rad]."""
     return math.degrees(angle_rad)
+
+
+class Unit(NamedTuple):
+    """A unit of SI, and the one in which people read its values.
+
+    Attributes:
+        si: Name of that of SI.
+        shown: Name of the other.
+        per_si: How many of the other one are one of SI.
+        step: By how much a slider changes a value, in SI.
+        reach: How far a slider goes to both sides where a value has no limits, in SI.
+    """
+
+    si: str
+    shown: str
+    per_si: float
+    step: float
+    reach: float
+
+
+class JointUnits(NamedTuple):
+    """What a joint's command, position and effort are told in; efforts are shown as they are in SI."""
+
+    command: Unit
+    position: Unit
+    effort: str
+
+
+ANGLE = Unit("rad", "deg", 180.0 / math.pi, 0.001, math.pi)
+LENGTH = Unit("m", "mm", 1e3, 0.0001, 0.1)
+SHORTENING = LENGTH._replace(reach=0.05)
+FORCE = Unit("N", "N", 1.0, 0.01, 10.0)
+PRESSURE = Unit("Pa", "kPa", 1e-3, 10.0, 2e4)
+VOLUME = Unit("m^3", "ml", 1e6, 1e-8, 1e-5)

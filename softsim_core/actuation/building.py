@@ -14,6 +14,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
 from softsim_core.mesh import TetMesh, embed
+from softsim_core.units import SHORTENING, JointUnits
 
 OUTSIDE = 0.02
 """A point of an actuator may lie this far outside its body, in heights of an element."""
@@ -32,6 +33,16 @@ class ActuatorDescription:
     def bodies(self) -> dict[str, str | None]:
         """Names of the deformable bodies that fields name, by field."""
         return {}
+
+    @property
+    def units(self) -> JointUnits:
+        """What command, position and effort of its joint are told in."""
+        return JointUnits(SHORTENING, SHORTENING, "N")
+
+    @property
+    def by_effort(self) -> bool:
+        """Whether commands are what it acts with, not where its joint shall be."""
+        return False
 
     def carriers(self) -> dict[str, str | None]:
         """Names of joints that fields name as what carries something, by field."""

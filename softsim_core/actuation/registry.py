@@ -13,13 +13,14 @@ from softsim_core.actuation.building import (
     plain_kind,
 )
 from softsim_core.actuation.cable import CABLE
+from softsim_core.actuation.chamber import CHAMBER
 from softsim_core.actuation.joint_drive import JOINT_DRIVE
 from softsim_core.errors import SceneError, listing
 
 FRAME_KINDS = ("revolute", "prismatic")
 """Kinds of joints that move a frame; their actuator is a joint drive."""
 
-_kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE)}
+_kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE, CHAMBER)}
 
 
 def register_kind(kind: ActuatorKind) -> None:
@@ -28,7 +29,7 @@ def register_kind(kind: ActuatorKind) -> None:
     Raises:
         SceneError: the name is a built-in's or that of a key of joints.
     """
-    built_in = (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name)
+    built_in = (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
     if not kind.name.isidentifier() or kind.name in built_in:
         raise SceneError(
             f"actuator kind {kind.name!r} refused: it must be a word other than {listing(built_in)}"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.errors import MeshError
 from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
-_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 """Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
 
 
@@ -29,18 +29,27 @@ def boundary(mesh: TetMesh) -> IndexArray:
     tets = subdivided(mesh).tets
     corners = mesh.points[tets]
     inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
-    faces = tets[:, _FACES]
+    faces = tets[:, FACES]
     faces[inverted] = faces[inverted][:, :, ::-1]
     faces = faces.reshape(-1, 3)
+    return np.ascontiguousarray(faces[alone(faces, mesh.name)], dtype=np.int64)
+
+
+def alone(faces: IndexArray, mesh: str) -> BoolArray:
+    """Which faces, by their corners (k, 3), belong to one tetrahedron only, of a mesh of that name.
+
+    Raises:
+        MeshError: a face is shared by more than two tetrahedra.
+    """
     _, inverse, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     if len(counts) and counts.max() > 2:
         face = int(np.flatnonzero(counts[inverse.reshape(-1)] > 2)[0])
         raise MeshError(
-            mesh.name,
+            mesh,
             f"face {faces[face].tolist()} belongs to {counts.max()} tetrahedra, at most 2 can share one; "
             "remove overlapping or duplicate elements",
         )
-    return np.ascontiguousarray(faces[counts[inverse.reshape(-1)] == 1], dtype=np.int64)
+    return np.asarray(counts[inverse.reshape(-1)] == 1)
 
 
 def boundary_surface(mesh: TetMesh) -> SurfaceMesh:

@@ -19,6 +19,7 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
     Box,
     FieldError,
@@ -173,6 +174,13 @@ class JointDescription:
             raise SceneError(
                 f"{owner}: a joint of kind {self.kind} takes no stiffness and no parent; remove them"
             )
+
+    @property
+    def units(self) -> JointUnits:
+        """What its command, position and effort are told in."""
+        if self.actuator is not None:
+            return self.actuator.units
+        return JointUnits(ANGLE, ANGLE, "N·m") if self.kind == "revolute" else JointUnits(LENGTH, LENGTH, "N")
 
     @property
     def moves_frame(self) -> bool:

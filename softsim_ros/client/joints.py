@@ -19,6 +19,7 @@ from softsim_ros.client.services import Done, Outcome, unheeded
 from softsim_ros.client.state import (
     REACHED,
     STALE_AFTER_S,
+    commandable,
     with_command,
     with_heard_command,
     with_measurement,
@@ -128,7 +129,7 @@ class Joints:
 
     def are_there(self) -> bool:
         """Whether the joints stand at the newest command."""
-        state = self._known.state
+        state = commandable(self._known.state, self._known.robot)
         if state.commanded is None or state.measured is None:
             return False
         return all(abs(a - b) <= REACHED for a, b in zip(state.measured, state.commanded, strict=True))

@@ -137,7 +137,7 @@ def with_command(
     state: RobotState, robot: RobotDescription, values: tuple[float, ...], now: float, *, own: bool = False
 ) -> RobotState:
     """The state once `values` are on their way to the joints; `own`: they will be heard back on the topic."""
-    start = state.measured or values
+    start = commandable(state, robot).measured or values
     travel = max(
         (abs(b - a) / joint.limits.speed for a, b, joint in zip(start, values, robot.joints, strict=True)),
         default=0.0,
@@ -149,6 +149,17 @@ def with_command(
         owns_command=own,
         echoes=(*state.echoes, values)[-_REMEMBERED_ECHOES:] if own else state.echoes,
     )
+
+
+def commandable(state: RobotState, robot: RobotDescription) -> RobotState:
+    """The state with efforts as measured where these are commanded, such as the pressure of a chamber."""
+    if state.measured is None or len(state.efforts) != len(state.measured):
+        return state
+    values = tuple(
+        effort if joint.actuator is not None and joint.actuator.by_effort else position
+        for joint, position, effort in zip(robot.joints, state.measured, state.efforts, strict=True)
+    )
+    return replace(state, measured=values)
 
 
 def held_positions(state: RobotState, now: float) -> tuple[float, ...]:

@@ -10,8 +10,8 @@ from softsim_core.errors import CommandError, listing
 from softsim_core.mechanics.limits import JointLimits, check_command
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.units import MILLIMETRE, degrees
-from softsim_ros.client.state import RobotState, enforces_limits, held_positions, with_command
+from softsim_core.units import Unit
+from softsim_ros.client.state import RobotState, commandable, enforces_limits, held_positions, with_command
 
 INVERSE_OWNS = "nothing moved: inverse control drives the joints; press its key again to take over"
 
@@ -74,16 +74,18 @@ def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -
         return _command(state, robot, robot.poses[wish.pose], robot.joint_names, f"pose {wish.pose}", now)
     if isinstance(wish, MoveAll):
         return _command(state, robot, wish.positions, robot.joint_names, "all joints by command", now)
-    held = held_positions(state, now)
+    heard = commandable(state, robot)
+    assert heard.measured is not None
+    held = held_positions(heard, now)
     if isinstance(wish, MoveJoint):
         to = dict(zip(robot.joint_names, held, strict=True)) | {wish.joint: wish.position}
         return _command(state, robot, tuple(to.values()), (wish.joint,), f"{wish.joint} by slider", now)
     wanted = tuple(
         position + wish.by if joint.name in wish.joints else hold
-        for joint, position, hold in zip(robot.joints, state.measured, held, strict=True)
+        for joint, position, hold in zip(robot.joints, heard.measured, held, strict=True)
     )
     title = ", ".join(
-        f"{joint.name} to {format_position(joint, value)}"
+        f"{joint.name} to {format_command(joint, value)}"
         for joint, value in zip(robot.joints, wanted, strict=True)
         if joint.name in wish.joints
     )
@@ -144,7 +146,7 @@ def _limited(
         return tuple(wanted), []
     values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, wanted, strict=True))
     notes = [
-        f"{joint.name} stops at its {_limit_name(joint.limits, value)} limit {format_position(joint, value)}"
+        f"{joint.name} stops at its {_limit_name(joint.limits, value)} limit {format_command(joint, value)}"
         for joint, before, value in zip(robot.joints, wanted, values, strict=True)
         if joint.name in moved and value != before
     ]
@@ -157,6 +159,14 @@ def _limit_name(limits: JointLimits, value: float) -> str:
 
 def format_position(joint: JointDescription, position: float) -> str:
     """A joint position for a person: "-1.4965 rad (-85.7 deg)" or "0.0123 m (12.3 mm)"."""
-    if joint.kind == "revolute":
-        return f"{position:.4f} rad ({degrees(position):.1f} deg)"
-    return f"{position:.4f} m ({position / MILLIMETRE:.1f} mm)"
+    return _told(position, joint.units.position)
+
+
+def format_command(joint: JointDescription, command: float) -> str:
+    """A command for a person: as a position, or "2000 Pa (2.0 kPa)"."""
+    return _told(command, joint.units.command)
+
+
+def _told(value: float, unit: Unit) -> str:
+    digits = f"{value:.4f}" if unit.si in ("rad", "m") else f"{value:.4g}"
+    return f"{digits} {unit.si} ({value * unit.per_si:.1f} {unit.shown})"

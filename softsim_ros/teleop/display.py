@@ -10,7 +10,7 @@ from typing import Final
 from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.units import MILLIMETRE, degrees
+from softsim_core.units import ANGLE, LENGTH, MILLIMETRE, SHORTENING, Unit
 from softsim_ros.client.goals import format_point
 from softsim_ros.client.state import (
     STALE_AFTER_S,
@@ -148,17 +148,25 @@ def joint_rows(view: View, width: int) -> list[str]:
     joints, state = view.robot.joints, view.state
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)
-    kinds = {joint.kind for joint in joints}
-    si = "|".join(unit for kind, unit in (("revolute", "rad"), ("prismatic", "m")) if kind in kinds)
-    small = "|".join(unit for kind, unit in (("revolute", "deg"), ("prismatic", "mm")) if kind in kinds)
+    told = [joint.units for joint in joints]
+    positions = list(dict.fromkeys(each.position for each in told))
+    commands = list(dict.fromkeys(each.command for each in told))
+    of_position, of_command = ("|".join(unit.si for unit in units) for units in (positions, commands))
+    small_position, small_command = (
+        "|".join(unit.shown for unit in units) for units in (positions, commands)
+    )
     name_width = min(max((len(joint.name) for joint in joints), default=5), _NAME_WIDTH)
     name = ["joint", *(_fit(joint.name, name_width) for joint in joints)]
-    measured_column = [f"measured {si}", *(_si(value) for value in measured)]
-    small_column = [f"{small:>6}", *(_small(j, value) for j, value in zip(joints, measured, strict=True))]
-    commanded_column = [f"command {si}", *(_si(value) for value in commanded)]
-    commanded_small = [f"{small:>6}", *(_small(j, value) for j, value in zip(joints, commanded, strict=True))]
-    lower = ["lower", *(_si(joint.limits.lower) for joint in joints)]
-    upper = ["upper", *(_si(joint.limits.upper) for joint in joints)]
+    measured_column = [f"measured {of_position}"]
+    small_column = [f"{small_position:>6}"]
+    commanded_column, commanded_small = [f"command {of_command}"], [f"{small_command:>6}"]
+    for units, position, command in zip(told, measured, commanded, strict=True):
+        measured_column.append(_si(units.position, position))
+        small_column.append(_small(units.position, position))
+        commanded_column.append(_si(units.command, command))
+        commanded_small.append(_small(units.command, command))
+    lower = ["lower", *(_si(joint.units.command, joint.limits.lower) for joint in joints)]
+    upper = ["upper", *(_si(joint.units.command, joint.limits.upper) for joint in joints)]
 
     def bars(bar_width: int) -> list[str]:
         legend = "o now, | command"
@@ -242,16 +250,16 @@ def _help_text(binding: KeyBinding) -> str:
     return binding.help
 
 
-def _si(value: float | None) -> str:
+def _si(unit: Unit, value: float | None) -> str:
     if value is None:
         return "-"
-    return f"{value:.4f}" if math.isfinite(value) else f"{value}"
+    if not math.isfinite(value):
+        return f"{value}"
+    return f"{value:.4f}" if unit in (ANGLE, LENGTH, SHORTENING) else f"{value:.4g}"
 
 
-def _small(joint: JointDescription, value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{degrees(value):.1f}" if joint.kind == "revolute" else f"{value / MILLIMETRE:.1f}"
+def _small(unit: Unit, value: float | None) -> str:
+    return "-" if value is None else f"{value * unit.per_si:.1f}"
 
 
 def _columns(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -33,8 +33,7 @@ def joint_bars(
     for index, joint in enumerate(joints):
         lower, upper = joint.limits.lower, joint.limits.upper
         position = positions[index]
-        unit = "N·m" if joint.kind == "revolute" else "N"
-        effort = f"{efforts[index]:+.4f} {unit}" if index < len(efforts) else ""
+        effort = f"{efforts[index]:+.4f} {joint.units.effort}" if index < len(efforts) else ""
         outside = not lower - 1e-6 <= position <= upper + 1e-6
         colour = AMBER if outside and enforced else "#1971c2"
         bar = ""
@@ -65,7 +64,12 @@ def _tick(share: float) -> str:
 
 
 def _short(joint: JointDescription, value: float) -> str:
-    return f"{math.degrees(value):.0f}°" if joint.kind == "revolute" else f"{1e3 * value:.1f} mm"
+    unit = joint.units.command
+    return (
+        f"{math.degrees(value):.0f}°"
+        if joint.kind == "revolute"
+        else f"{value * unit.per_si:.1f} {unit.shown}"
+    )
 
 
 def lamps(states: Sequence[tuple[str, str]]) -> str:

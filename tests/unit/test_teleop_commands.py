@@ -20,12 +20,21 @@ from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.state import (
     STALE_AFTER_S,
     RobotState,
+    commandable,
     held_positions,
     with_command,
     with_heard_command,
     with_measurement,
 )
-from softsim_ros.client.wishes import GoToPose, MoveAll, MoveJoint, StepJoints, decide
+from softsim_ros.client.wishes import (
+    GoToPose,
+    MoveAll,
+    MoveJoint,
+    StepJoints,
+    decide,
+    format_command,
+    format_position,
+)
 from softsim_ros.keys.names import KEY_NAMES, KeyPress
 from softsim_ros.keys.press import CallAction, Quit
 from softsim_ros.keys.table import key_table, unknown_keys
@@ -302,3 +311,14 @@ def test_wishes_that_mean_nothing_move_nothing(wish: Any, word: str) -> None:
     decision = decide(HERE, TRIPOD, wish, 0.0)
     assert (decision.values, decision.state) == (None, HERE)
     assert word in decision.sentence
+
+
+def test_a_pressure_is_held_where_it_is_and_not_where_the_hollow_is() -> None:
+    """The position of a chamber is a volume; what keys step from, and what rests, is its pressure."""
+    chambers = load_scene("inflated_cube")
+    state = with_measurement(RobotState(), (3.3e-6,), 1.0, (8000.0,))
+    assert commandable(state, chambers).measured == (8000.0,)
+    assert commandable(with_measurement(state, (3.3e-6,), 1.0), chambers).measured == (3.3e-6,)  # not told
+    assert commandable(HERE, TRIPOD) == HERE
+    assert format_command(chambers.joints[0], 8000.0) == "8000 Pa (8.0 kPa)"
+    assert format_position(chambers.joints[0], 3.3e-6) == "3.3e-06 m^3 (3.3 ml)"

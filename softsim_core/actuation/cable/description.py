@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.errors import SceneError
+from softsim_core.units import FORCE, SHORTENING, JointUnits
 from softsim_core.values import FieldError, Placement, Vector, need_finite, need_positive
 
 
@@ -59,6 +60,16 @@ class CableDescription(ActuatorDescription):
             value = getattr(self, name)
             if value is not None:
                 need_positive("cable", name, value, unit)
+
+    @property
+    def by_effort(self) -> bool:
+        """See ActuatorDescription."""
+        return self.control == "force"
+
+    @property
+    def units(self) -> JointUnits:
+        """See ActuatorDescription."""
+        return JointUnits(FORCE if self.by_effort else SHORTENING, SHORTENING, "N")
 
     def bodies(self) -> dict[str, str | None]:
         """See ActuatorDescription."""

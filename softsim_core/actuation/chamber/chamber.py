@@ -1,0 +1,180 @@
+r"""A chamber: its volume, what it pushes, and how that turns with the wall.
+
+With the shape functions N of the nodes of each face, over the reference triangle,
+
+.. math:: V = \tfrac13 \sum \int x \cdot (x_\xi \times x_\eta), \quad
+    \partial V / \partial x_a = \tfrac13 \sum \int \bigl(N_a \, x_\xi \times x_\eta
+        + N_{a,\xi} \, x_\eta \times x + N_{a,\eta} \, x \times x_\xi\bigr)
+
+exact for linear and quadratic faces. A pressure p pushes with p dV/dx, and -p d2V/dx2 is its stiffness: both
+of a potential -p V, so symmetric.
+
+Sources: Schweizerhof, Ramm 1984, Displacement dependent pressure loads; Bonet, Wood 2008, Nonlinear
+continuum mechanics for finite element analysis, 8.5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.actuation.actuator import Actuator, GeometricStiffness, no_geometric_stiffness
+from softsim_core.actuation.building import Placed, Surroundings, plain_kind
+from softsim_core.actuation.chamber.description import ChamberDescription
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.rows import Rows
+from softsim_core.mechanics.state import State
+from softsim_core.mesh.faces import cavities, encloses
+
+_WEAK = 1e-9
+"""Parts of the stiffness below this share of the largest are left out."""
+
+
+class Chamber(Actuator):
+    """A hollow of one body.
+
+    Args:
+        placed: Its joint and description.
+        surroundings: What it is built into.
+
+    Raises:
+        SceneError: the body has no hollow, or none around `inside`.
+    """
+
+    kind = "chamber"
+
+    def __init__(self, placed: Placed, surroundings: Surroundings) -> None:
+        described: ChamberDescription = placed.description
+        faces = _hollow(placed.name, described, surroundings)
+        nodes, numbered = np.unique(faces, return_inverse=True)
+        super().__init__(
+            placed.name,
+            placed.joint,
+            nodes + surroundings.first_node[described.body],
+            compliance=described.line_compliance,
+            by_multiplier=described.control == "pressure",
+        )
+        self.faces: IndexArray = numbered.reshape(faces.shape)
+        self._limits = described.min_pressure, described.max_pressure
+        self._shape = _QUADRATIC if faces.shape[1] == 6 else _LINEAR
+        rest = surroundings.model.rest[self.place]
+        self._middle = rest.mean(axis=0)
+        self.rest_volume = self._volume(rest)
+
+    def value(self, model: Model, state: State) -> float:
+        """By how much the volume has grown, in [m^3]."""
+        return self._volume(state.positions[self.place]) - self.rest_volume
+
+    def row(self, model: Model, state: State) -> Array:
+        """DV/dx in [m^2], shape (k, 3)."""
+        weights, values, first, second = self._shape
+        x, along, across = self._at_points(state.positions[self.place])
+        pieces = np.einsum("q,qa,kqi->kai", weights, values, np.cross(along, across))
+        pieces += np.einsum("q,qa,kqi->kai", weights, first, np.cross(across, x))
+        pieces += np.einsum("q,qa,kqi->kai", weights, second, np.cross(x, along))
+        result = np.zeros((len(self.place), 3))
+        np.add.at(result, self.faces, pieces / 3.0)
+        return result
+
+    def bounds(self, command: float) -> tuple[float, float]:
+        """See Actuator."""
+        low, high = self._limits
+        if self.by_multiplier:
+            wanted = min(max(command, low), high)
+            return wanted, wanted
+        return low, high
+
+    def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
+        """See Actuator: the eigenvectors of each face's part of -p d2V/dx2."""
+        if multiplier == 0.0:
+            return no_geometric_stiffness()
+        parts = -multiplier * self._second_derivatives(state.positions[self.place])
+        weights, vectors = np.linalg.eigh(parts)
+        chosen = np.abs(weights) > _WEAK * np.abs(weights).max()
+        face, which = np.nonzero(chosen)
+        rows = np.swapaxes(vectors, 1, 2)[face, which].reshape(len(face), -1, 3)
+        count = self.faces.shape[1]
+        return GeometricStiffness(
+            Rows(count * np.arange(len(face) + 1), self.place[self.faces[face]].ravel(), rows.reshape(-1, 3)),
+            weights[face, which],
+        )
+
+    def _at_points(self, places: Array) -> tuple[Array, Array, Array]:
+        """X from the middle, and its two slopes, at the points of all faces, each (k, q, 3)."""
+        _, values, first, second = self._shape
+        corners = (places - self._middle)[self.faces]
+        return values @ corners, first @ corners, second @ corners
+
+    def _volume(self, places: Array) -> float:
+        x, along, across = self._at_points(places)
+        return float(np.einsum("q,kqi,kqi->", self._shape[0], x, np.cross(along, across)) / 3.0)
+
+    def _second_derivatives(self, places: Array) -> Array:
+        """D2V/dx2 of each face, shape (k, 3 a, 3 a)."""
+        weights, values, first, second = self._shape
+        x, along, across = (_crossed(each) for each in self._at_points(places))
+        count = self.faces.shape[1]
+        result = np.zeros((len(self.faces), count, 3, count, 3))
+        for one, two, by in ((values, first, -across), (values, second, along), (first, second, -x)):
+            half = np.einsum("q,qa,qb,kqij->kaibj", weights, one, two, by)
+            result += half + half.transpose(0, 3, 4, 1, 2)
+        return result.reshape(len(self.faces), 3 * count, -1) / 3.0
+
+
+def _hollow(name: str, described: ChamberDescription, surroundings: Surroundings) -> IndexArray:
+    mesh = surroundings.meshes[described.body]
+    found = cavities(mesh)
+    if not found:
+        raise SceneError(
+            f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
+            "closes all around"
+        )
+    if described.inside is None:
+        return np.concatenate(found)
+    place = np.array(described.inside, dtype=float)
+    around = [faces for faces in found if encloses(mesh.points, faces, place)]
+    if not around:
+        middles = [mesh.points[np.unique(faces)].mean(axis=0).round(6).tolist() for faces in found]
+        raise SceneError(
+            f"chamber {name}: {place.tolist()} m lies in no hollow of body {described.body}; the middles of "
+            f"its hollows are {middles} m"
+        )
+    return around[0]
+
+
+def _crossed(vectors: Array) -> Array:
+    """Matrices [v]x with [v]x u = v x u, shape (..., 3, 3)."""
+    result = np.zeros((*vectors.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., i, j], result[..., j, i] = -vectors[..., k], vectors[..., k]
+    return result
+
+
+def _linear() -> tuple[Array, Array, Array, Array]:
+    """Weights, shape functions and their two slopes at the middle of a triangle."""
+    first, second = np.array([[-1.0, 1.0, 0.0]]), np.array([[-1.0, 0.0, 1.0]])
+    return np.array([0.5]), np.full((1, 3), 1.0 / 3.0), first, second
+
+
+def _quadratic() -> tuple[Array, Array, Array, Array]:
+    """The same of a triangle of six nodes, at six points: exact up to degree 4.
+
+    Source of the points: Dunavant 1985, High degree efficient symmetrical Gaussian quadrature rules.
+    """
+    places, weights = [], []
+    for weight, one in ((0.223381589678011, 0.445948490915965), (0.109951743655322, 0.091576213509771)):
+        other = 1.0 - 2.0 * one
+        places += [(one, one), (one, other), (other, one)]
+        weights += [0.5 * weight] * 3
+    xi, eta = np.array(places).T
+    zero, rest = np.zeros(6), 1.0 - xi - eta
+    corners = [rest * (2 * rest - 1), xi * (2 * xi - 1), eta * (2 * eta - 1)]
+    values = [*corners, 4 * rest * xi, 4 * xi * eta, 4 * eta * rest]
+    first = [1 - 4 * rest, 4 * xi - 1, zero, 4 * (rest - xi), 4 * eta, -4 * eta]
+    second = [1 - 4 * rest, zero, 4 * eta - 1, -4 * xi, 4 * xi, 4 * (rest - eta)]
+    return np.array(weights), np.stack(values, 1), np.stack(first, 1), np.stack(second, 1)
+
+
+_LINEAR, _QUADRATIC = _linear(), _quadratic()
+CHAMBER = plain_kind(ChamberDescription, Chamber)

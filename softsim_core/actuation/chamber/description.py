@@ -1,0 +1,67 @@
+"""What a scene says of a chamber; typed, SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.units import PRESSURE, VOLUME, JointUnits
+from softsim_core.values import FieldError, Vector, need_finite
+
+VACUUM = -101_325.0
+"""Pressure of nothing against the air around in [Pa]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChamberDescription(ActuatorDescription):
+    """The hollow of a body that a joint of kind "chamber" fills.
+
+    Its coordinate is by how much its volume has grown since the scene was built, in [m^3]; its effort is the
+    pressure in it against the air around, in [Pa]. The joint's position is the real growth.
+
+    Attributes:
+        body: Name of the deformable body that encloses it.
+        inside: A place in the hollow in [m], where the scene is built; None: all hollows of the body are one
+            chamber.
+        control: "pressure": commands are pressures in [Pa]. "volume": commands are growths in [m^3], as of a
+            syringe with water; this goes on where more volume needs less pressure.
+        max_pressure, min_pressure: The pressure stays between them, in [Pa]; by volume, more or less is let
+            out or in.
+        line_compliance: What the line between pump and hollow takes up in [m^3/Pa], >= 0: a command of growth
+            q with a pressure p leaves q - p * line_compliance for the hollow.
+    """
+
+    kind: ClassVar[str] = "chamber"
+    body: str
+    inside: Vector | None = None
+    control: Literal["pressure", "volume"] = "pressure"
+    max_pressure: float = math.inf
+    min_pressure: float = VACUUM
+    line_compliance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.inside is not None:
+            need_finite("chamber", "inside", self.inside)
+        if not self.min_pressure <= 0.0 <= self.max_pressure:
+            raise FieldError(
+                "chamber", "min_pressure and max_pressure", [self.min_pressure, self.max_pressure],
+                "a range in Pa with 0 in it",
+            )  # fmt: skip
+        if not 0.0 <= self.line_compliance < math.inf:
+            raise FieldError("chamber", "line_compliance", self.line_compliance, ">= 0 m^3/Pa")
+
+    @property
+    def units(self) -> JointUnits:
+        """See ActuatorDescription."""
+        return JointUnits(PRESSURE if self.control == "pressure" else VOLUME, VOLUME, "Pa")
+
+    @property
+    def by_effort(self) -> bool:
+        """See ActuatorDescription."""
+        return self.control == "pressure"
+
+    def bodies(self) -> dict[str, str | None]:
+        """See ActuatorDescription."""
+        return {"body": self.body}
