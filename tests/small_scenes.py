@@ -134,3 +134,14 @@ def shaken(sim: Simulation, steps: int, seed: int) -> None:
             sim.forces[:] = rng.normal(scale=0.01, size=sim.forces.shape)
             sim.base_shift = rng.uniform(-0.002, 0.002)
         sim.step()
+
+
+def comes_back_bit_for_bit(simulation: Simulation, steps: int = 5) -> bool:
+    """Whether what follows a snapshot is the same bytes each time it is gone back to, and not what it was."""
+    saved, runs = simulation.snapshot(), []
+    for _ in range(2):
+        simulation.restore(saved)
+        for _ in range(steps):
+            simulation.step()
+        runs.append(simulation.snapshot())
+    return runs[0] == runs[1] != saved

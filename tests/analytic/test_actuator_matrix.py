@@ -18,6 +18,7 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics import Backend
 from softsim_core.dynamics.actuator_statics import rows_on_unknowns
 from softsim_core.dynamics.assembly import Unknowns, static_tangent
+from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
 from softsim_core.scene.description import JointDescription, SceneDescription
@@ -59,10 +60,19 @@ def tied() -> SceneDescription:
     return replace(scene, joints=(joint,), gravity=(0.0, 0.0, -9.81), solver=solver)
 
 
+def blown() -> SceneDescription:
+    """A hollow cube filled by volume, with a free frame on the side away from the wall."""
+    scene = load_scene("inflated_cube").scene
+    chamber = replace(scene.joints[0].actuator, control="volume", min_pressure=-1e3, max_pressure=5e3)  # type: ignore[type-var]
+    limits = JointLimits(-1e-5, 1e-5, 1e-3, 1e9)
+    return replace(scene, joints=(replace(scene.joints[0], actuator=chamber, limits=limits),))
+
+
 CASES: dict[str, tuple[Callable[[], SceneDescription], list[float]]] = {
     "joint_drive": (driven, [0.004, -0.006]),
     "cable": (pulled, [0.006, 0.002, 0.05]),
     "elastic_tendon": (tied, [0.01]),
+    "chamber": (blown, [1.2e-6]),
 }
 """Scene of each kind, and a command."""
 
