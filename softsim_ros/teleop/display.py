@@ -16,6 +16,7 @@ from softsim_ros.client.state import (
     STALE_AFTER_S,
     BridgeState,
     RobotState,
+    commandable,
     enforces_limits,
     known_effector,
 )
@@ -148,6 +149,7 @@ def joint_rows(view: View, width: int) -> list[str]:
     joints, state = view.robot.joints, view.state
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)
+    within = commandable(state, view.robot).measured or measured
     told = [joint.units for joint in joints]
     positions = list(dict.fromkeys(each.position for each in told))
     commands = list(dict.fromkeys(each.command for each in told))
@@ -171,7 +173,7 @@ def joint_rows(view: View, width: int) -> list[str]:
     def bars(bar_width: int) -> list[str]:
         legend = "o now, | command"
         head = legend if len(legend) <= bar_width else ""
-        return [head, *map(lambda j, m, c: bar(j, m, c, bar_width), joints, measured, commanded)]
+        return [head, *map(lambda j, m, c: bar(j, m, c, bar_width), joints, within, commanded)]
 
     values = [commanded_column, commanded_small, measured_column, small_column]
     layouts = [[name, lower, bars(bar_width), upper, *values] for bar_width in BAR_WIDTHS]

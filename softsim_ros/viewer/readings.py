@@ -34,11 +34,13 @@ def joint_bars(
         lower, upper = joint.limits.lower, joint.limits.upper
         position = positions[index]
         effort = f"{efforts[index]:+.4f} {joint.units.effort}" if index < len(efforts) else ""
-        outside = not lower - 1e-6 <= position <= upper + 1e-6
+        by_effort = joint.actuator is not None and joint.actuator.by_effort and index < len(efforts)
+        within = efforts[index] if by_effort else position
+        outside = not lower - 1e-6 <= within <= upper + 1e-6
         colour = AMBER if outside and enforced else "#1971c2"
         bar = ""
         if math.isfinite(lower) and math.isfinite(upper):
-            share = _share(position, lower, upper)
+            share = _share(within, lower, upper)
             tick = "" if targets is None else _tick(_share(targets[index], lower, upper))
             bar = (
                 '<div style="position:relative;height:8px;background:#dee2e6;border-radius:4px">'

@@ -339,3 +339,14 @@ def test_the_camera_starts_where_it_sees_the_bodies() -> None:
     assert target[:2] == pytest.approx((150.0, 200.0))
     assert np.linalg.norm(np.subtract(position, target)) == pytest.approx(575.0, rel=0.02)
     assert len(camera_for(corners[:0])[0]) == 3  # a scene without bodies has a view, too
+
+
+def test_a_chamber_stands_at_its_pressure_between_its_limits() -> None:
+    """From -2 to 10 kPa; its position is a volume."""
+    (air,) = load_scene("inflated_cube").joints
+    told = readings.joint_bars((air,), (3.3e-6,), None, (7000.0,))
+    assert "width:75.0%" in told
+    assert "3.3e-06 m^3 (3.3 ml)" in told
+    assert "+7000.0000 Pa" in told
+    assert "-2.0 kPa" in told
+    assert joint_range(air) == (-2000.0, 10000.0, 10.0)
