@@ -30,7 +30,6 @@ from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.rigid import RigidBodies
-from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State, no_warm_start
 
 MOST_PASSES = 10
@@ -55,14 +54,6 @@ class Uncorrected:
     before: State
     report: StepReport
     violations: Array = field(default_factory=lambda: np.zeros(0))
-
-    def compliance(self, rows: Rows) -> Array:
-        """See FreeMotion."""
-        raise NotImplementedError
-
-    def correct(self, impulses: Array) -> StepReport:
-        """See FreeMotion."""
-        raise NotImplementedError
 
 
 class Pass(NamedTuple):
@@ -143,7 +134,7 @@ class ContactStepper:
             smooth.keep_acceleration(state, free.before)
         return done
 
-    def _complete(self, free: FreeMotion, control: Control) -> StepReport | None:
+    def _complete(self, free: FreeMotion | Uncorrected, control: Control) -> StepReport | None:
         """Move rigid bodies and solve the contacts; None if they reach more than `Uncorrected` can."""
         model, collisions, state = self.model, self._collisions, free.state
         report, before = free.report, free.before
@@ -161,7 +152,7 @@ class ContactStepper:
 
     def _hold(
         self,
-        motion: FreeMotion,
+        motion: FreeMotion | Uncorrected,
         report: StepReport,
         control: Control,
         collisions: CollisionModel,
@@ -228,7 +219,7 @@ class ContactStepper:
 
     def _solve(
         self,
-        motion: FreeMotion,
+        motion: FreeMotion | Uncorrected,
         report: StepReport,
         control: Control,
         touching: LinearisedContacts,
@@ -244,6 +235,7 @@ class ContactStepper:
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
         if reaches:
+            assert not isinstance(motion, Uncorrected)  # see _hold
             compliance = h * h * motion.compliance(touching.rows)
             np.einsum("ii->i", compliance)[:acting] += self.actuators.compliance
         moves = model.rigid.response(before, touching.on_rigid)
@@ -265,6 +257,7 @@ class ContactStepper:
         forces = solution.forces[acting:]
         watch.mark("forces")
         if reaches:
+            assert not isinstance(motion, Uncorrected)
             more = solution.forces[:acting] - multipliers
             velocities = state.rigid_velocities.copy()
             report = motion.correct(h * np.append(more, forces))
