@@ -32,7 +32,7 @@ from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.assembly import top_speed
 from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.dynamics.stepper import Stepper, StepperAround
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import FREE, Model
 from softsim_core.mechanics.state import ACCELERATION, REDUCED_ACCELERATION, State
@@ -48,7 +48,7 @@ class _Start(NamedTuple):
     control: Control
 
 
-class BossakStepper:
+class BossakStepper(StepperAround):
     """See the module.
 
     Args:
@@ -58,9 +58,8 @@ class BossakStepper:
     """
 
     def __init__(self, euler: Stepper, of_model: Callable[[Model], Stepper], spectral_radius: float) -> None:
-        self.name, self.compiled = euler.name, euler.compiled
-        self.model, self.actuators = euler.model, euler.actuators
-        model, self._euler = euler.model, euler
+        super().__init__(euler)
+        model = euler.model
         alpha = (spectral_radius - 1.0) / (spectral_radius + 1.0)
         self._gamma = 0.5 - alpha
         ratio = 0.25 * (1.0 - alpha) ** 2 / self._gamma  # beta / gamma
@@ -91,7 +90,7 @@ class BossakStepper:
         before = self._before
         before.copy_from(state)
         if not self.goes_on(state):
-            self._euler.step(state, control, parameters)
+            self._inner.step(state, control, parameters)
             self.keep_acceleration(state, before)
             for name in (ACCELERATION, REDUCED_ACCELERATION):
                 before.extra[name][:] = state.extra[name]
@@ -162,18 +161,6 @@ class BossakStepper:
         reduced = (state.reduced_velocities - before.reduced_velocities) / h
         reduced[self._led] = 0.0
         state.extra[REDUCED_ACCELERATION][:] = reduced
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper; that of implicit Euler."""
-        return self._euler.free_motion(state, control, parameters)
-
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
-        """See Stepper."""
-        return self._euler.static_tangent(state, parameters, forces)
-
-    def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper."""
-        return self._euler.von_mises(state, parameters)
 
 
 class _RegionNodes:

@@ -27,7 +27,7 @@ from softsim_core.contact.linearised import LinearisedContacts, linearise
 from softsim_core.contact.solver import ContactSolution, solve_contacts
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
-from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.rigid import RigidBodies
 from softsim_core.mechanics.state import State, no_warm_start
@@ -97,7 +97,7 @@ class Stopwatch:
         return {"detect": self.times.get("detect", 0.0), "contact": sum(parts.values()), **parts}
 
 
-class ContactStepper:
+class ContactStepper(StepperAround):
     """A step with rigid bodies and contacts around one without.
 
     Args:
@@ -109,10 +109,9 @@ class ContactStepper:
     def __init__(
         self, inner: Stepper, collisions: CollisionModel | None, smooth: BossakStepper | None = None
     ) -> None:
-        self._inner, self._collisions, self._smooth = inner, collisions, smooth
+        super().__init__(inner)
+        self._collisions, self._smooth = collisions, smooth
         self._before = inner.model.empty_state()
-        self.name, self.compiled = inner.name, inner.compiled
-        self.model, self.actuators = inner.model, inner.actuators
         self._free = inner.model.empty_state()
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
@@ -268,18 +267,6 @@ class ContactStepper:
             report = _faster(report, state, model.rigid)
         watch.mark("correct")
         return report, solution._replace(forces=forces)
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper; rigid bodies stay where they are."""
-        return self._inner.free_motion(state, control, parameters)
-
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
-        """See Stepper; contacts have no part in it."""
-        return self._inner.static_tangent(state, parameters, forces)
-
-    def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper."""
-        return self._inner.von_mises(state, parameters)
 
 
 def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:

@@ -79,6 +79,31 @@ class Stepper(Protocol):
         ...
 
 
+class StepperAround:
+    """What a step around another one takes from it: all but the step itself.
+
+    Args:
+        inner: The other one.
+    """
+
+    def __init__(self, inner: Stepper) -> None:
+        self._inner = inner
+        self.name, self.compiled = inner.name, inner.compiled
+        self.model, self.actuators = inner.model, inner.actuators
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """See Stepper; that of the inner one."""
+        return self._inner.free_motion(state, control, parameters)
+
+    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+        """See Stepper; that of the inner one."""
+        return self._inner.static_tangent(state, parameters, forces)
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper; that of the inner one."""
+        return self._inner.von_mises(state, parameters)
+
+
 class FreeMotion(Protocol):
     """A step as if nothing touched, and what impulses on constraint rows add to it.
 

@@ -12,9 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
-from softsim_core.arrays import Array
 from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.dynamics.stepper import Stepper, StepperAround
 from softsim_core.errors import FactorisationError
 from softsim_core.fem.assembly import mean_volume_law, strain_change
 from softsim_core.fem.group import ElementGroup
@@ -35,7 +34,7 @@ def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
     ]
 
 
-class SubstepStepper:
+class SubstepStepper(StepperAround):
     """A step in as few equal parts as the strains allow, 1, 2, 4 and so on, around the one of a whole dt.
 
     Args:
@@ -52,10 +51,9 @@ class SubstepStepper:
         groups: Sequence[ElementGroup],
         most: int,
     ) -> None:
+        super().__init__(whole)
         self._steppers, self._of_part, self._groups = [whole], of_part, groups
         self._deepest = int(most).bit_length() - 1
-        self.name, self.compiled = whole.name, whole.compiled
-        self.model, self.actuators = whole.model, whole.actuators
         self._before = [whole.model.empty_state() for _ in range(self._deepest + 1)]
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
@@ -92,15 +90,3 @@ class SubstepStepper:
         targets[compliant] = control.targets[compliant]
         shift = 0.5 * (float(state.base_shift[0]) + control.base_shift)
         return replace(control, targets=targets, base_shift=shift)
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper; of a whole step."""
-        return self._steppers[0].free_motion(state, control, parameters)
-
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
-        """See Stepper."""
-        return self._steppers[0].static_tangent(state, parameters, forces)
-
-    def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper."""
-        return self._steppers[0].von_mises(state, parameters)

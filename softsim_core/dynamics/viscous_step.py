@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.stepper import FreeMotion, StaticTangent, Stepper
+from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.relaxing import Relaxing
 from softsim_core.fem.prony import during_step, forget, held_stress, remember
@@ -28,7 +28,7 @@ def let_relax(model: Model, state: State, parameters: Parameters) -> None:
         forget(group, p, state.extra[memory_name(k)], state.positions)
 
 
-class ViscousStepper:
+class ViscousStepper(StepperAround):
     """Tells the inner step what is held, and remembers what it did.
 
     Args:
@@ -36,9 +36,8 @@ class ViscousStepper:
     """
 
     def __init__(self, inner: Stepper) -> None:
-        self._inner, self._groups = inner, relaxing_groups(inner.model)
-        self.name, self.compiled = inner.name, inner.compiled
-        self.model, self.actuators = inner.model, inner.actuators
+        super().__init__(inner)
+        self._groups = relaxing_groups(inner.model)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
@@ -50,14 +49,6 @@ class ViscousStepper:
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
         """See Stepper."""
         return self._inner.free_motion(state, control, self._prepared(state, parameters))
-
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
-        """See Stepper; of what is left at rest."""
-        return self._inner.static_tangent(state, parameters, forces)
-
-    def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper; of what is left at rest."""
-        return self._inner.von_mises(state, parameters)
 
     def _prepared(self, state: State, parameters: Parameters) -> Parameters:
         """Write down what is held during a step; returns the parameters for it."""
