@@ -31,7 +31,8 @@ class StateListener:
     def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
         self.value: Any = None
         self._node, self._newest, self._changed = node, None, changed
-        events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
+        self._alive = 0
+        events = SubscriptionEventCallbacks(liveliness=self._on_liveliness, matched=self._on_matched)
         self._topic = node.create_subscription(
             STATE_TOPICS[topic], topic, self._on_message, STATE_QOS, event_callbacks=events
         ).topic_name
@@ -41,11 +42,18 @@ class StateListener:
         self._take(self._newest)
 
     def _on_liveliness(self, status: Any) -> None:
-        """A publisher began or ended; one that was only stopped goes on with what it said last."""
-        self._take(self._newest if status.alive_count or self._lives_here() else None)
+        """A publisher began, ended, or was silent for LEASE_S; one told of only at its end counts -1."""
+        self._alive = max(self._alive + status.alive_count_change, 0)
+        self._take(self._newest if self._alive or self._lives_here() else None)
+
+    def _on_matched(self, status: Any) -> None:
+        """The last publisher has ended, which the graph may not show yet when liveliness tells of it."""
+        if not status.current_count:
+            self._alive = 0
+            self._take(None)
 
     def _lives_here(self) -> bool:
-        """Whether a publisher shares this node's context, where Fast DDS tells nobody that it is alive."""
+        """Whether a publisher shares this node's context, where Fast DDS may tell nobody that it is alive."""
         own = {
             _participant(each)
             for each in self._node.get_subscriptions_info_by_topic(self._topic)

@@ -68,6 +68,24 @@ def test_in_one_process_it_lasts_as_long_as_its_publisher(client: Any, spin_unti
     assert spin_until(lambda: enabled.value is None)
 
 
+@pytest.mark.parametrize("start", range(5))
+def test_in_one_process_every_end_is_noticed(client: Any, spin_until: Any, start: int) -> None:
+    """Fast DDS may tell of a publisher at its end only, and the graph may still list it then."""
+    names = [name for name in STATE_TOPICS if name.startswith("servo_bridge/")]
+    messages = {name: STATE_TOPICS[name]() for name in names}
+    facts = {f"/tripod/{name}": (type(each), lambda each=each: each) for name, each in messages.items()}
+    node = ClosableNode("servo_bridge", context=client.context, namespace="tripod")
+    StateTopics(node, facts)
+    listener = ClosableNode("listener", context=client.context, namespace="tripod")
+    heard = [StateListener(listener, name) for name in names]
+    with SpinThread([listener], client.context):
+        with SpinThread([node], client.context):
+            assert spin_until(lambda: all(each.value is not None for each in heard))
+        node.close()
+        assert spin_until(lambda: all(each.value is None for each in heard))
+    listener.close()
+
+
 @pytest.mark.slow
 def test_a_simulator_tells_its_state_while_it_lives(
     running_tripod: Any, client: Any, spin_until: Any
