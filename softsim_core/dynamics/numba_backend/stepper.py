@@ -215,7 +215,7 @@ class NumbaStepper:
         inverted += data.cells.inverted_beside_linear(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(STAGES, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all that follows
-        return StepReport(float(speed), times, inverted, speed == speed or self._responses.positive())
+        return StepReport(float(speed), times, inverted, bool(speed == speed))
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
         """See Stepper."""
