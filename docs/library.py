@@ -22,6 +22,7 @@ GROUPS: dict[str, str] = {
     ),
     "What is simulated": (
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "
+        "LayerDescription FibresDescription AxisDescription "
         "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
         "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),

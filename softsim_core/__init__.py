@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     )
     from softsim_core.scene.material import MaterialDescription
     from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+    from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
     from softsim_core.scene.robot import Controller, RobotDescription
     from softsim_core.scene.running import RunningSimulation
     from softsim_core.scene.scene import Part, Scene, animated
@@ -101,6 +102,7 @@ __all__ = [
     "AddedMassDescription",
     "ArrayError",
     "AttachmentDescription",
+    "AxisDescription",
     "BoardDescription",
     "BodyDescription",
     "Box",
@@ -118,6 +120,7 @@ __all__ = [
     "DetectionOverflowError",
     "EffectorPath",
     "FactorisationError",
+    "FibresDescription",
     "FieldError",
     "GeometricStiffness",
     "HeightTiltTask",
@@ -128,6 +131,7 @@ __all__ = [
     "JointLimits",
     "JointTrajectory",
     "KeyBinding",
+    "LayerDescription",
     "MaterialDescription",
     "MaterialError",
     "MeshError",
@@ -237,6 +241,7 @@ _NAMES = {
     ),
     "softsim_core.scene.material": "MaterialDescription",
     "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",
+    "softsim_core.scene.reinforcement": "AxisDescription FibresDescription LayerDescription",
     "softsim_core.scene.robot": "Controller RobotDescription",
     "softsim_core.scene.running": "RunningSimulation",
     "softsim_core.scene.scene": "Part Scene animated",

@@ -310,4 +310,4 @@ class ScipyStaticTangent:
 def inverted_elements(model: Model, state: State) -> int:
     """Number of cells with det F <= 0 somewhere; those of a state that is not finite are none."""
     with np.errstate(invalid="ignore"):
-        return sum(int(inverted_cells(group, state.positions).sum()) for group in model.groups)
+        return sum(int(inverted_cells(group, state.positions).sum()) for group in model.filling)

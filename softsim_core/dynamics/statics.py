@@ -149,7 +149,7 @@ class _Problem:
         if not all(np.isfinite(each).all() for each in given):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
         self.lever = self._levers()
-        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.groups])
+        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
         self.near = NEAR * float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
         self.first_residual = np.zeros(self.at.size + self.held)
         try:
@@ -222,7 +222,7 @@ class _Problem:
 
     def _inverted(self, state: State) -> Any:
         """Which elements are inside out, shape (m,)."""
-        flags = [inverted_cells(group, state.positions) for group in self.model.groups]
+        flags = [inverted_cells(group, state.positions) for group in self.model.filling]
         return np.concatenate([np.zeros(0, dtype=bool), *flags])
 
     def finish(self, state: State) -> float:

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from softsim_core.arrays import Array
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.material import VolumetricMaterial, von_mises
+from softsim_core.fem.materials.strain import StrainMaterial, without_pressing
 
 
 def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
@@ -36,6 +37,11 @@ def mean_volume_law(group: ElementGroup) -> VolumetricMaterial | None:
     """The law of cells whose mean dilatation takes a part of the bulk; None: those of the group do not."""
     law = group.material
     return law if group.element.mean_volume and isinstance(law, VolumetricMaterial) else None
+
+
+def takes_found_stress(group: ElementGroup) -> bool:
+    """Whether a time step takes the pressure or stress that its linear solve found; see `cell_stiffness`."""
+    return mean_volume_law(group) is not None or isinstance(group.material, StrainMaterial)
 
 
 def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
@@ -87,7 +93,8 @@ def cell_stiffness(
     With `moved`, the displacement in [m] of all nodes by the last linear solve, shape (n, 3), cells with a
     mean volume take the pressure that this solve found, to first order, instead of that of the positions it
     led to. So one iteration is enough for a step, also where the material is nearly incompressible; nothing
-    is made positive then. Source: Magisano, Leonetti, Garcea 2017, Advantages of the mixed format.
+    is made positive then. Fibres and layers, which are stiff and thin, take the stress so; of a positive one
+    nothing that presses them. Source: Magisano, Leonetti, Garcea 2017, Advantages of the mixed format.
 
     With a `mean_share` below 1, the answer to the mean volume has so much of its stiffness.
     """
@@ -95,6 +102,12 @@ def cell_stiffness(
     p, m, q, a = p[:, None], *group.gradients.shape[:3]
     if law is None:
         plain = group.material
+        if moved is not None and isinstance(plain, StrainMaterial):
+            before, change = (deformation_gradients(group, each) for each in (positions - moved, moved))
+            found = plain.extrapolated_stress(before, change, p)
+            return _blocks(
+                group, plain.tangent_at(gradients, p, without_pressing(found) if positive else found)
+            )
         of = plain.distant_tangent if distant else plain.positive_tangent if positive else plain.tangent
         return _blocks(group, of(gradients, p))
     at_points, on_mean = split_bulk(law, p)
@@ -178,7 +191,7 @@ def elastic_forces(
     Args:
         groups: All cells.
         positions: Node positions in [m], shape (n, 3).
-        materials: Parameters of each body's law by name.
+        materials: Parameters of each body's law by name, behind them those of layers and fibres.
     """
     forces = np.zeros_like(positions)
     for group in groups:
@@ -214,8 +227,12 @@ def stiffness_matrix(
 def von_mises_stress(
     groups: Sequence[ElementGroup], positions: Array, materials: Sequence[Mapping[str, float]]
 ) -> Array:
-    """Von Mises stress of every cell in [Pa], in the order of their numbers; arguments as above."""
-    result = np.zeros(sum(len(group.cells) for group in groups))
-    for group in groups:
+    """Von Mises stress of every cell in [Pa], in the order of their numbers; arguments as above.
+
+    Layers and fibres have none.
+    """
+    filling = [group for group in groups if group.fills]
+    result = np.zeros(sum(len(group.cells) for group in filling))
+    for group in filling:
         result[group.numbers] = cell_von_mises(group, positions, group.values(materials))
     return result

@@ -1,4 +1,4 @@
-"""Cells of one element and one material law, at rest."""
+"""Cells of one element and one law, at rest: those that fill bodies, and those that reinforce them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.elements.element import Element, cell_axes, rest_quadrature
+from softsim_core.fem.elements.surface import surface_quadrature
 from softsim_core.fem.materials.material import Material
 
 
@@ -23,7 +24,11 @@ class ElementGroup:
         weights: Rest volume at each quadrature point in [m^3], shape (m, q).
         gradients: Shape gradients at rest in [1/m], in the axes that the law asks for, shape (m, q, a, 3).
         body: Index of each cell's body, shape (m,).
-        numbers: Number of each cell among those of all bodies in order, shape (m,).
+        numbers: Number of each cell among those of all bodies in order, behind them reinforcements, (m,).
+        parameter_set: Index in Parameters.materials of each cell's values, shape (m,): that of its body, or
+            that of its layer or fibres.
+        fills: Whether the cells fill their bodies. Fibres and layers do not: they have no mass and no volume
+            of their own here.
     """
 
     element: Element
@@ -33,6 +38,8 @@ class ElementGroup:
     gradients: Array
     body: IndexArray
     numbers: IndexArray
+    parameter_set: IndexArray
+    fills: bool = True
 
     @property
     def volumes(self) -> Array:
@@ -41,22 +48,19 @@ class ElementGroup:
 
     def part(self, chosen: IndexArray) -> ElementGroup:
         """The group of the chosen cells (k,) alone."""
-        arrays = {
-            name: getattr(self, name)[chosen] for name in ("cells", "weights", "gradients", "body", "numbers")
-        }
-        return replace(self, **arrays)
+        per_cell = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in per_cell})
 
     def values(self, parameters: Sequence[Mapping[str, float]]) -> Array:
         """Values of the law's parameters for each cell, shape (m, k).
 
         Args:
-            parameters: Those of each body by name.
+            parameters: Those of each set by name; see Parameters.materials.
         """
-        bodies = np.unique(self.body)
         table = np.zeros((max(len(parameters), 1), len(self.material.parameters)))
-        for b in bodies.tolist():
-            table[b] = [parameters[b][name] for name in self.material.names]
-        return np.asarray(table[self.body])
+        for s in np.unique(self.parameter_set).tolist():
+            table[s] = [parameters[s][name] for name in self.material.names]
+        return np.asarray(table[self.parameter_set])
 
 
 def element_group(
@@ -72,7 +76,38 @@ def element_group(
     weights, gradients = rest_quadrature(element, corners)
     if material.in_cell_axes:
         gradients = np.ascontiguousarray(gradients @ cell_axes(corners)[:, None])
-    return ElementGroup(element, material, cells, weights, gradients, body, numbers)
+    return ElementGroup(element, material, cells, weights, gradients, body, numbers, body)
+
+
+def fibre_group(
+    cells: ElementGroup, material: Material, points: Array, axes: Array, parameter_set: IndexArray
+) -> ElementGroup:
+    """Fibres in cells of bodies.
+
+    Args:
+        cells: The cells that they run through.
+        material: Their law.
+        points: Rest positions in [m], shape (n, 3).
+        axes: At each point a rotation whose first column is their direction, shape (m, q, 3, 3).
+        parameter_set: See ElementGroup.
+    """
+    gradients = np.ascontiguousarray(rest_quadrature(cells.element, points[cells.cells])[1] @ axes)
+    return replace(cells, material=material, gradients=gradients, parameter_set=parameter_set, fills=False)
+
+
+def layer_group(
+    element: Element,
+    material: Material,
+    points: Array,
+    faces: IndexArray,
+    thickness: Array,
+    body: IndexArray,
+    numbers: IndexArray,
+    parameter_set: IndexArray,
+) -> ElementGroup:
+    """Thin layers on faces (m, a) of bodies, of a thickness in [m], shape (m,); the rest as above."""
+    weights, gradients = surface_quadrature(element, points[faces], thickness)
+    return ElementGroup(element, material, faces, weights, gradients, body, numbers, parameter_set, False)
 
 
 def empty_group(element: Element, material: Material) -> ElementGroup:

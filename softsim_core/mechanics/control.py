@@ -55,7 +55,7 @@ class Parameters:
     """What a user may tune while the simulation runs.
 
     Attributes:
-        materials: Parameters of each body's material law by name.
+        materials: Parameters by name of each body's material law, then of each body's layers and fibres.
         rayleigh_stiffness: Damping per stiffness in [s].
         rayleigh_mass: Damping per mass in [1/s].
     """

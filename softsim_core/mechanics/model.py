@@ -88,7 +88,8 @@ class Model:
 
     Attributes:
         rest: Rest positions in [m], shape (n, 3).
-        groups: The cells of all bodies, one group for each pair of element and material law.
+        groups: The cells of all bodies, one group for each pair of element and material law, then those of
+            layers and fibres.
         mass: Lumped node masses in [kg], shape (n,).
         spring: Stiffness in [N/m] that pulls a node to its rest position (soft fixings), shape (n,).
         gravity: Gravity in [m/s^2], shape (3,).
@@ -134,16 +135,21 @@ class Model:
             [j for j, joint in enumerate(self.joints) if joint.stiffness is not None], dtype=np.int64
         )
 
-    def law(self, body: int) -> Material:
-        """The material law of a body."""
-        return self._group(body).material
+    @property
+    def filling(self) -> tuple[ElementGroup, ...]:
+        """The cells that fill bodies, without layers and fibres."""
+        return tuple(group for group in self.groups if group.fills)
+
+    def law(self, parameter_set: int) -> Material:
+        """The material law of a body, or of a layer or fibres; see Parameters.materials."""
+        return self._group(parameter_set).material
 
     def element(self, body: int) -> Element:
         """What the cells of a body are."""
         return self._group(body).element
 
-    def _group(self, body: int) -> ElementGroup:
-        return next(group for group in self.groups if (group.body == body).any())
+    def _group(self, parameter_set: int) -> ElementGroup:
+        return next(group for group in self.groups if (group.parameter_set == parameter_set).any())
 
     def rest_state(self) -> State:
         """The state at which the scene is built: everything at rest, joints at their rest positions."""

@@ -10,7 +10,7 @@ import numpy as np
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
-from softsim_core.fem.assembly import mean_volume_law
+from softsim_core.fem.assembly import takes_found_stress
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
@@ -40,6 +40,7 @@ from softsim_core.scene.description import (
     SceneDescription,
 )
 from softsim_core.scene.regions import nodes_in
+from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
@@ -73,11 +74,13 @@ def build(scene: SceneDescription) -> BuiltScene:
         np.array([attachment.frame.translation for attachment in frames], dtype=float).reshape(-1, 3),
         np.array([_rotation(attachment.frame.rotation_deg) for attachment in frames]).reshape(-1, 3, 3),
     )
-    groups = _groups(scene, bodies, rest)
+    filling = _groups(scene, bodies, rest)
+    reinforcing, mass_of_layers = reinforcements(scene, bodies, filling, rest)
+    groups = (*filling, *reinforcing)
     model = Model(
         rest=rest,
         groups=groups,
-        mass=_masses(scene, bodies, groups),
+        mass=_masses(scene, bodies, filling) + mass_of_layers,
         spring=spring,
         gravity=np.array(scene.gravity, dtype=float),
         dt=scene.dt,
@@ -90,7 +93,7 @@ def build(scene: SceneDescription) -> BuiltScene:
     )
     model = replace(model, extra_state=_extra_state(scene, model))
     parameters = Parameters(
-        materials=[dict(body.material.values) for body in scene.bodies],
+        materials=[dict(values) for _, values in scene.materials],
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
@@ -100,7 +103,7 @@ def build(scene: SceneDescription) -> BuiltScene:
 def _extra_state(scene: SceneDescription, model: Model) -> dict[str, tuple[int, ...]]:
     """Shapes of what the scene's elements and its step keep beside places and velocities."""
     shapes: dict[str, tuple[int, ...]] = {}
-    if any(map(mean_volume_law, model.groups)):
+    if any(map(takes_found_stress, model.groups)):
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,)}

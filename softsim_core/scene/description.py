@@ -6,6 +6,7 @@ Angles of placements are in degrees in fields named `*_deg` (people write them);
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias, get_args
 
@@ -14,11 +15,13 @@ from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.dynamics import Backend
 from softsim_core.errors import SceneError, listing
+from softsim_core.fem.materials import Material
 from softsim_core.linalg.solvers import AUTO, linear_solver_names
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
 from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
     Box,
@@ -70,6 +73,8 @@ class BodyDescription:
             nodes. "equal": every node has the same, as in the reference simulator, which makes the inertia
             of coarse meshes much too large.
         added_masses: What parts of it carry.
+        layers: Thin sheets on its faces.
+        fibres: What runs through it and carries tension only.
         velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
         colour: Red, green, blue, alpha in 0..1, for pictures only.
@@ -86,6 +91,8 @@ class BodyDescription:
     total_mass: float | None = None
     mass_distribution: MassDistribution = "volume"
     added_masses: tuple[AddedMassDescription, ...] = ()
+    layers: tuple[LayerDescription, ...] = ()
+    fibres: tuple[FibresDescription, ...] = ()
     velocity: Vector = (0.0, 0.0, 0.0)
     surface: MeshFile | None = None
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
@@ -108,6 +115,14 @@ class BodyDescription:
             need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
         if not all(0.0 <= channel <= 1.0 for channel in self.colour):
             raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
+        names = [each.name for each in self.reinforcements]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise SceneError(f"body {self.name}: layers and fibres share the name {min(twice)}; rename one")
+
+    @property
+    def reinforcements(self) -> tuple[LayerDescription | FibresDescription, ...]:
+        """Its layers, then its fibres."""
+        return (*self.layers, *self.fibres)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,6 +337,26 @@ class SceneDescription:
     def body_names(self) -> tuple[str, ...]:
         """Names of the deformable bodies, then of the rigid ones."""
         return (*(body.name for body in self.bodies), *(body.name for body in self.rigid_bodies))
+
+    @property
+    def materials(self) -> tuple[tuple[str, Mapping[str, float]], ...]:
+        """What has parameters of a law, and their values: bodies, then `BODY.LAYER` and `BODY.FIBRES`."""
+        return (
+            *((body.name, body.material.values) for body in self.bodies),
+            *(
+                (f"{body.name}.{each.name}", each.values)
+                for body in self.bodies
+                for each in body.reinforcements
+            ),
+        )
+
+    @property
+    def laws(self) -> tuple[Material, ...]:
+        """The laws of `materials`, in the same order."""
+        return (
+            *(body.material.law_for(self.solver.rotation) for body in self.bodies),
+            *(each.law for body in self.bodies for each in body.reinforcements),
+        )
 
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names

@@ -252,13 +252,14 @@ class Simulation(SceneState):
     def set_material(self, body: str, **values: float) -> None:
         """Change parameters of a body's material law by name from the next step on; see fem.materials.
 
-        Most laws have `young_modulus` in [Pa] and `poisson_ratio` in [-].
+        Most laws have `young_modulus` in [Pa] and `poisson_ratio` in [-]. Of a layer or fibres, `body` is
+        "BODY.LAYER" or "BODY.FIBRES".
 
         Raises:
-            SceneError: no such body.
+            SceneError: no such body, layer or fibres.
             MaterialError: the law has no such parameter, or a value is out of range; nothing is changed.
         """
-        b = self._body(body)
+        b = self._number(body, [name for name, _ in self.scene.materials])
         changed = self.model.law(b).values({**self.parameters.materials[b], **values})
         if sentence := locking_warning(self.model.element(b), values):
             warnings.warn(f"body {body}: {sentence}", stacklevel=2)
@@ -266,15 +267,14 @@ class Simulation(SceneState):
 
     def material(self, body: str) -> MaterialDescription:
         """The law of a body and the values its parameters have now."""
-        b = self._body(body)
+        b = self._number(body, [each.name for each in self.bodies])
         return self.scene.bodies[b].material.changed(**self.parameters.materials[b])
 
-    def _body(self, name: str) -> int:
-        """The index of a body."""
-        names = [each.name for each in self.bodies]
-        if name not in names:
-            raise SceneError(f"unknown body {name!r}; known bodies: {listing(names)}")
-        return names.index(name)
+    def _number(self, body: str, names: list[str]) -> int:
+        """The index of a body among names."""
+        if body not in names:
+            raise SceneError(f"unknown body {body!r}; known bodies: {listing(names)}")
+        return names.index(body)
 
     def set_damping(
         self, rayleigh_stiffness: float | None = None, rayleigh_mass: float | None = None
@@ -418,6 +418,7 @@ class Simulation(SceneState):
     def _identity(self) -> tuple[object, ...]:
         model = self.model
         arrays = [model.rest, model.region_of_node, model.gravity, *(group.cells for group in model.groups)]
+        arrays += [group.gradients for group in model.groups if not group.fills]
         kinds = [(group.element.name, group.material.name) for group in model.groups]
         return (self.scene.name, self.joint_names, model.dt, kinds, [array.tobytes() for array in arrays])
 

@@ -36,20 +36,22 @@ class Tunable(NamedTuple):
 
 
 def tunables(robot: RobotDescription) -> dict[str, Tunable]:
-    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`."""
+    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`.
+
+    Those of a layer or fibres are `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
+    """
     scene, found = robot.scene, dict[str, Tunable]()
-    for body in scene.bodies:
-        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
-        for each in body.material.law_for(scene.solver.rotation).parameters:
+    for number, ((owner, values), law) in enumerate(zip(scene.materials, scene.laws, strict=True)):
+        prefix = _prefix(robot, owner)
+        for each in law.parameters:
             ends = (max(each.lower, -LARGEST), min(each.upper, LARGEST))
             about = About(
-                text=f"{each.description} of {body.name}",
+                text=f"{each.description} of {owner}",
                 unit="" if each.unit == "-" else each.unit,
                 within=RANGES.get(each.name, ends),
             )
-            found[f"{prefix}{each.name}"] = Tunable(
-                body.material.values[each.name], about, *_of_material(body.name, each.name)
-            )
+            read_and_write = _of_material(number, owner, each.name)
+            found[f"{prefix}{each.name}"] = Tunable(values[each.name], about, *read_and_write)
     found["rayleigh_stiffness"] = Tunable(
         scene.solver.rayleigh_stiffness,
         About(text="Damping per stiffness", unit="s", within=(0.0, 10.0)),
@@ -72,11 +74,20 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
         SoftSimError: a law does not allow them.
     """
     scene, bodies = robot.scene, []
+
+    def given(owner: str, known: Mapping[str, float]) -> dict[str, float]:
+        prefix = _prefix(robot, owner)
+        return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
+
     for body in scene.bodies:
-        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
-        names = [name for name in body.material.values if f"{prefix}{name}" in values]
-        own = {name: values[f"{prefix}{name}"] for name in names}
-        bodies.append(replace(body, material=body.material.changed(**own)))
+        of_parts = {each.name: given(f"{body.name}.{each.name}", each.values) for each in body.reinforcements}
+        changed = replace(
+            body,
+            material=body.material.changed(**given(body.name, body.material.values)),
+            layers=tuple(each.changed(of_parts[each.name]) for each in body.layers),
+            fibres=tuple(each.changed(of_parts[each.name]) for each in body.fibres),
+        )
+        bodies.append(changed)
     solver = replace(
         scene.solver,
         rayleigh_stiffness=values.get("rayleigh_stiffness", scene.solver.rayleigh_stiffness),
@@ -181,13 +192,21 @@ class TuningParameters:
         self._write(write)
 
 
+def _prefix(robot: RobotDescription, owner: str) -> str:
+    """What stands before the names of an owner's parameters; see SceneDescription.materials."""
+    if len(robot.scene.bodies) > 1:
+        return f"{owner}."
+    only = robot.scene.bodies[0].name if robot.scene.bodies else ""
+    return "" if owner == only else f"{owner.removeprefix(f'{only}.')}."
+
+
 def _of_material(
-    body: str, name: str
+    number: int, owner: str, name: str
 ) -> tuple[Callable[[Simulation], float], Callable[[Simulation, float], None]]:
     def read(simulation: Simulation) -> float:
-        return simulation.material(body).values[name]
+        return simulation.parameters.materials[number][name]
 
     def write(simulation: Simulation, value: float) -> None:
-        simulation.set_material(body, **{name: value})
+        simulation.set_material(owner, **{name: value})
 
     return read, write

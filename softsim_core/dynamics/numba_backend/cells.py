@@ -60,7 +60,7 @@ class PlannedCells:
     def __init__(
         self, model: Model, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
     ) -> None:
-        self._count = sum(len(group.cells) for group in model.groups)
+        self._count = sum(len(group.cells) for group in model.filling)
         self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
         by_kind = {(group.element.name, group.material.name): group for group in groups}
         for kind in COMPILED:
@@ -74,7 +74,7 @@ class PlannedCells:
         self._beside_linear = [
             (group.cells, np.ascontiguousarray(np.swapaxes(group.gradients, 2, 3)))
             for group in self._paired_groups
-            if group.cells.shape[1] != 4
+            if group.fills and group.cells.shape[1] != 4
         ]
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
         self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
@@ -95,7 +95,7 @@ class PlannedCells:
             moduli = np.zeros((self._count, 2))
             moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
             von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
-        for group in self._paired_groups:
+        for group in (each for each in self._paired_groups if each.fills):
             result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
         return result
 

@@ -25,7 +25,7 @@ def count_inverted(x: Array, corners: IndexArray) -> int:
 
 def oriented(model: Model) -> IndexArray:
     """Corners of all cells of four nodes in an order of positive volume at rest, shape (m, 4)."""
-    linear = [group.cells for group in model.groups if group.cells.shape[1] == 4]
+    linear = [group.cells for group in model.filling if group.cells.shape[1] == 4]
     corners = np.concatenate([np.zeros((0, 4), np.int64), *linear])
     points = model.rest[corners]
     mirrored = np.linalg.det(points[:, 1:] - points[:, :1]) < 0.0

@@ -10,6 +10,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.layout import Nodes, Pairs, Work
 from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
+from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
 from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.first_invariant import SeriesRubber
@@ -76,6 +77,7 @@ class PairedCells:
             if len(group.cells)
         ]
         kinds = [(group.element.name, group.material.name) for group in whole]
+        self._reinforcing = [strain_cells(group) for group, _ in self._groups]
         self._places = []
         for group, _ in self._groups:
             k = kinds.index((group.element.name, group.material.name))
@@ -83,16 +85,18 @@ class PairedCells:
         ordered = [node_pairs(group.cells) for group, _ in self._groups]
         both = np.concatenate([np.zeros((0, 2), np.int64), *ordered])
         self.pairs = _placed(both, nodes, local, layout)
-        self._fill_rubber = OneSignature(fill_rubber)
+        self._fill_rubber, self._fill_strain = OneSignature(fill_rubber), OneSignature(fill_strain)
 
     def __bool__(self) -> bool:
         return bool(self._groups)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""
-        for group, compiled in self._groups:
+        for (group, compiled), reinforcing in zip(self._groups, self._reinforcing, strict=True):
             if compiled is not None:
                 tune(compiled, group, group.values(materials))
+            if reinforcing is not None:
+                tune_strain(reinforcing, group, group.values(materials))
 
     def fill(
         self,
@@ -126,6 +130,11 @@ class PairedCells:
                 self._fill_rubber(state.positions, by, velocities, lag, mean_share, compiled, forces, blocks)
                 if straining is not None:
                     self._hold(k, state, lag, velocities, forces, blocks)
+                continue
+            reinforcing = self._reinforcing[k]
+            if reinforcing is not None and positive:
+                by = forces[:0] if moved is None else moved
+                self._fill_strain(state.positions, by, velocities, lag, reinforcing, forces, blocks)
                 continue
             p = group.values(materials)
             stiffness = cell_stiffness(
