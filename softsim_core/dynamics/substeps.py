@@ -18,6 +18,7 @@ from softsim_core.errors import FactorisationError
 from softsim_core.fem.assembly import mean_volume_law, strain_change
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.corotational import RotatedHooke
+from softsim_core.fem.materials.strain import Fibres
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.state import State
 
@@ -26,11 +27,10 @@ ROUGH: Final = 0.3
 
 
 def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
-    """Cells that have to be watched: all but linear ones that only rotate, which stand being crushed."""
+    """Cells to be watched: neither linear ones that only rotate, which stand being crushed, nor fibres."""
+    stand = RotatedHooke, Fibres
     return [
-        group
-        for group in groups
-        if mean_volume_law(group) is not None or not isinstance(group.material, RotatedHooke)
+        each for each in groups if mean_volume_law(each) is not None or not isinstance(each.material, stand)
     ]
 
 

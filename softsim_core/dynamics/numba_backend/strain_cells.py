@@ -171,7 +171,7 @@ def fill_strain(
                     db[1, k] = w * (d12 * b[m, 0, k] + d11 * b[m, 1, k])
                     db[2, k] = w * d33 * b[m, 2, k]
                 turn0, turn1 = w * (found[0] * g0 + found[2] * g1), w * (found[2] * g0 + found[1] * g1)
-                for n in range(a):
+                for n in range(m, a):
                     h1 = gradients[e, q, 1, n] if axes == 2 else 0.0
                     turning = turn0 * gradients[e, q, 0, n] + turn1 * h1
                     at = first + m * a + n
@@ -181,3 +181,8 @@ def fill_strain(
                                 db[0, i] * b[n, 0, j] + db[1, i] * b[n, 1, j] + db[2, i] * b[n, 2, j]
                             )
                         blocks[at, i, i] += turning
+        for m in range(a):
+            for n in range(m):
+                for i in range(3):
+                    for j in range(3):
+                        blocks[first + m * a + n, i, j] = blocks[first + n * a + m, j, i]

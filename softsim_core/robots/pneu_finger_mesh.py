@@ -1,0 +1,86 @@
+"""The pneumatic finger: a bar of silicone with a row of chambers in it, closed by thin walls (a PneuNet).
+
+Its section is a frame of four trapezoids around a rectangle, swept along the finger; the rectangle is
+filled in the walls between the chambers and at both ends, and left out in the chambers. In the finger's own
+frame it runs along x from its base at x = 0, and the side with the paper lies at z = 0. The measures are our
+own, of the size of PneuNets that laboratories cast (Ilievski et al. 2011, Soft robotics for chemists).
+
+`python -m softsim_core.robots.pneu_finger_mesh --out configs/meshes` writes the files that the robot's config
+names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from softsim_core.errors import MeshError
+from softsim_core.mesh.generators import extrude, oriented
+from softsim_core.mesh.types import TetMesh
+from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.units import MILLIMETRE
+
+WIDTH = 14.0 * MILLIMETRE
+"""Width in [m]; the finger lies from y = -WIDTH / 2 to WIDTH / 2."""
+HEIGHT = 12.0 * MILLIMETRE
+"""Height in [m]."""
+SIDE = 2.5 * MILLIMETRE
+"""Thickness in [m] of the floor, the roof and the two sides."""
+CHAMBER = 8.0 * MILLIMETRE
+"""Length in [m] of a chamber along the finger."""
+WALL = 2.0 * MILLIMETRE
+"""Thickness in [m] of the walls between chambers."""
+END = 4.0 * MILLIMETRE
+"""Thickness in [m] of both ends."""
+CHAMBERS = 6
+"""How many chambers the robot's finger has."""
+
+
+def length_of(chambers: int) -> float:
+    """Length in [m] of a finger with so many chambers."""
+    return 2.0 * END + chambers * CHAMBER + (chambers - 1) * WALL
+
+
+def pneu_finger(chambers: int = CHAMBERS, name: str = "pneu_finger") -> TetMesh:
+    """The finger in its own frame.
+
+    Args:
+        chambers: How many chambers, >= 1.
+        name: Name of the mesh.
+
+    Returns:
+        Positively oriented tetrahedra in [m], which enclose one hollow per chamber.
+
+    Raises:
+        MeshError: no chamber is asked for.
+    """
+    if chambers < 1:
+        raise MeshError(name, f"a finger has at least one chamber, not {chambers}")
+    outside = np.array(
+        [[-0.5 * WIDTH, 0.0], [0.5 * WIDTH, 0.0], [0.5 * WIDTH, HEIGHT], [-0.5 * WIDTH, HEIGHT]]
+    )
+    middle = np.array([0.0, 0.5 * HEIGHT])
+    inside = middle + (outside - middle) * (1.0 - 2.0 * SIDE / np.array([WIDTH, HEIGHT]))
+    frame = []
+    for a in range(4):
+        b = (a + 1) % 4
+        frame += [[a, b, 4 + b], [a, 4 + b, 4 + a]] if a % 2 == 0 else [[a, b, 4 + a], [b, 4 + b, 4 + a]]
+    triangles = np.array([*frame, [4, 5, 6], [4, 6, 7]])
+    lengths = [END, *[CHAMBER, WALL] * (chambers - 1), CHAMBER, END]
+    places = np.concatenate([[0.0], np.cumsum(lengths)])
+    points, tets = extrude(np.concatenate([outside, inside]), triangles, np.arange(8), places)
+    layer = np.repeat(np.arange(len(lengths)), 3 * len(triangles))
+    filling = np.tile(np.arange(len(triangles)) >= len(frame), 3 * len(lengths))
+    points = points[:, [2, 0, 1]]
+    return TetMesh(points, oriented(points, tets[~(filling & (layer % 2 == 1))]), name)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line: write the finger's mesh into a folder; returns the exit code."""
+    description = "Write the pneumatic finger's mesh into a folder."
+    return write_mesh_files("softsim_core.robots.pneu_finger_mesh", description, [pneu_finger()], arguments)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
