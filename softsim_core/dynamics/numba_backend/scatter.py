@@ -46,18 +46,15 @@ def add_blocks(
     Rows of the blocks are four numbers, the fourth zero; the first is at number `place` of `blocks`, each
     further one `pitch` numbers behind.
     """
-    strides, starts, pair = places.strides, places.starts, 0
+    strides, starts = places.strides, places.starts
     a = strides.shape[1]
-    for m in range(a):
-        stride = strides[e, m]
-        if stride == 0:
+    for n in range(a):
+        if strides[e, n] == 0:
             break
-        for n in range(m, a):
-            start = starts[e, pair + n - m]
-            if start < 0:
-                break
-            add_block(panels, start, stride, blocks, place + 3 * (pair + n - m) * pitch, pitch)
-        pair += a - m
+        pair = n
+        for m in range(n + 1):  # column by column: what was just stored in a row is not loaded at once
+            add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
+            pair += a - m - 1
     first = places.kept[e]
     if first >= 0:
         numbers = blocks.reshape(-1)
