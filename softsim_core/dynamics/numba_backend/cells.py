@@ -53,6 +53,7 @@ class PlannedCells:
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
+        panels: Of the factor.
 
     Attributes:
         arrays: For the kernels.
@@ -60,7 +61,13 @@ class PlannedCells:
     """
 
     def __init__(
-        self, model: Model, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
+        self,
+        model: Model,
+        groups: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+        panels: Array,
     ) -> None:
         self._count = sum(len(group.cells) for group in model.groups)
         self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
@@ -72,7 +79,7 @@ class PlannedCells:
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
         self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout)
+        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout, panels)
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
         self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 

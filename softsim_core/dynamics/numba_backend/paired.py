@@ -30,6 +30,7 @@ class PairedCells:
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
+        panels: Of the factor; `fill` adds to them.
 
     Attributes:
         pairs: What the kernels have to add of their blocks, see `scatter`.
@@ -42,6 +43,7 @@ class PairedCells:
         nodes: Nodes,
         local: IndexArray,
         layout: Plan,
+        panels: Array,
     ) -> None:
         self._groups = [
             in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
@@ -57,7 +59,7 @@ class PairedCells:
             k = kinds.index((group.element.name, group.material.name))
             self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
         self._places, self.pairs = cell_places(self._groups, nodes, local, layout)
-        self._fill_rubber = OneSignature(fill_rubber)
+        self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def __bool__(self) -> bool:
@@ -74,7 +76,6 @@ class PairedCells:
         state: State,
         materials: Sequence[Mapping[str, float]],
         positive: bool,
-        panels: Array,
         scale: float = 1.0,
         lag: float = 0.0,
         straining: Array | None = None,
@@ -83,11 +84,12 @@ class PairedCells:
     ) -> Array:
         """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
+        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later.
+
         Args:
             state: Positions.
             materials: Parameters of each body's law by name.
             positive: See fem.assembly.cell_stiffness.
-            panels: Of the factor; the blocks of free nodes are added there, `scatter` adds the others.
             scale: What the stiffness is multiplied by.
             lag: In [s].
             straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
@@ -103,7 +105,7 @@ class PairedCells:
             if rubber is not None and (not positive or (moved is not None and mean_volume_law(group))):
                 by = forces[:0] if moved is None else moved
                 self._fill_rubber(
-                    x, by, velocities, lag, mean_share, scale, rubber, places, forces, panels, kept
+                    x, by, velocities, lag, mean_share, scale, rubber, places, forces, self._panels, kept
                 )
             else:
                 p = group.values(materials)
@@ -111,12 +113,12 @@ class PairedCells:
                 on_nodes = cell_forces(group, x, p)
                 on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
                 np.add.at(forces, group.cells, on_nodes)
-                self._add(k, scale * stiffness, panels)
+                self._add(k, scale * stiffness)
             if straining is not None:
-                self._hold(k, state, scale, x + lag * velocities, forces, panels)
+                self._hold(k, state, scale, x + lag * velocities, forces)
         return forces
 
-    def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array, panels: Array) -> None:
+    def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
         """Add what cells of a relaxing law hold, the forces at places `ahead` (n, 3); see fem.prony."""
         name, chosen = self._memories[k]
         held = state.extra.get(name)
@@ -125,14 +127,14 @@ class PairedCells:
         group = self._groups[k]
         stiffness = held_stiffness(group, held[chosen])
         np.add.at(forces, group.cells, -(stiffness @ ahead[group.cells]))
-        self._add(k, scale * stiffness[..., None, None] * np.eye(3), panels)
+        self._add(k, scale * stiffness[..., None, None] * np.eye(3))
 
-    def _add(self, k: int, stiffness: Array, panels: Array) -> None:
+    def _add(self, k: int, stiffness: Array) -> None:
         """Add blocks (m, a, a, 3, 3) of all pairs of nodes of a group to the matrix."""
         first, second = np.triu_indices(stiffness.shape[1])
         blocks = np.zeros((len(stiffness), len(first), 3, 4))
         blocks[..., :3] = stiffness[:, first, second]
-        self._add_all_blocks(blocks, self._places[k], panels, self.pairs.blocks)
+        self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
 
     def folded(self, positions: Array) -> int:
         """How many cells of more than four nodes are inside out at positions (n, 3)."""

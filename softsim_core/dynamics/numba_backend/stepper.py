@@ -198,9 +198,8 @@ class NumbaStepper:
         clear(data.work.factor)
         if data.cells.paired:
             external += data.cells.paired.fill(
-                state, parameters.materials, True, data.work.factor.panels, model.dt * lag, lag, straining,
-                moved, model.dt / lag,
-            )  # fmt: skip
+                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
+            )
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
@@ -246,8 +245,7 @@ class NumbaStepper:
         data = self._prepared
         clear(data.work.factor)
         if data.cells.paired:
-            clamped, panels = tangent == CLAMPED, data.work.factor.panels
-            loads = loads + data.cells.paired.fill(state, parameters.materials, clamped, panels)
+            loads = loads + data.cells.paired.fill(state, parameters.materials, tangent == CLAMPED)
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
