@@ -89,8 +89,8 @@ def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, fo
     if len(actuators.multiplied):
         names = listing(model.joints[j].name for j in actuators.multiplied)
         raise SceneError(
-            f"inverse control needs actuators that are commanded by how far they go, not {names}: change their "
-            "`control` in the scene"
+            f"inverse control needs actuators that are commanded by how far they go, not {names}: change "
+            "their `control` in the scene"
         )
     multipliers = state.joint_efforts[actuators.joint]
     rows, geometric = actuators.rows(model, state), actuators.geometric_stiffness(model, state, multipliers)

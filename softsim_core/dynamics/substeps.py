@@ -14,8 +14,9 @@ from typing import Final
 
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Stepper, StepperAround
+from softsim_core.dynamics.strains import strain_measure
 from softsim_core.errors import FactorisationError
-from softsim_core.fem.assembly import mean_volume_law, strain_change
+from softsim_core.fem.assembly import mean_volume_law
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.corotational import RotatedHooke
 from softsim_core.fem.materials.strain import Fibres
@@ -52,7 +53,8 @@ class SubstepStepper(StepperAround):
         most: int,
     ) -> None:
         super().__init__(whole)
-        self._steppers, self._of_part, self._groups = [whole], of_part, groups
+        self._steppers, self._of_part = [whole], of_part
+        self._changes = [strain_measure(group, whole.compiled) for group in groups]
         self._deepest = int(most).bit_length() - 1
         self._before = [whole.model.empty_state() for _ in range(self._deepest + 1)]
 
@@ -68,7 +70,7 @@ class SubstepStepper(StepperAround):
         before.copy_from(state)
         try:
             report = stepper.step(state, control, parameters)
-            if max(strain_change(each, before.positions, state.positions) for each in self._groups) < ROUGH:
+            if all(change(before.positions, state.positions) < ROUGH for change in self._changes):
                 return report
         except FactorisationError:
             report = StepReport()

@@ -60,3 +60,9 @@ def empty_factor(plan: Plan, dense: int) -> Factor:
         solution=np.zeros(3 * len(plan.position) + dense),
         gathered=np.zeros(int(plan.width.max(initial=1))),
     )
+
+
+def clear(factor: Factor) -> None:
+    """Make the matrix and its right-hand side zero."""
+    factor.panels.fill(0.0)
+    factor.schur.fill(0.0)

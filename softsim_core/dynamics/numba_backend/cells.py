@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.batches import in_lanes
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.elements import assemble_free, assemble_mixed, von_mises_stress
 from softsim_core.dynamics.numba_backend.layout import Cells, Elements, Nodes, Work
-from softsim_core.dynamics.numba_backend.rubber import count_folded
-from softsim_core.dynamics.numba_backend.scatter import PairedCells, node_pairs, scatter
+from softsim_core.dynamics.numba_backend.paired import PairedCells
+from softsim_core.dynamics.numba_backend.scatter import node_pairs, scatter
 from softsim_core.fem.assembly import cell_von_mises
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, empty_group
@@ -31,7 +31,9 @@ COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
 def assemble_cells(
     x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
 ) -> None:
-    """Forces of cells with kernels, and scale times the stiffness of all, into panels and reduced.
+    """Forces of cells with kernels, and scale times their stiffness, into panels and reduced.
+
+    PairedCells.fill has been there before: what it kept for the reduced coordinates is added, too.
 
     `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
     """
@@ -39,7 +41,7 @@ def assemble_cells(
     assemble_mixed(x, scale, polar, cells.polar_mixed, nodes, work)
     assemble_free(x, scale, frames, cells.frame_free, work)
     assemble_mixed(x, scale, frames, cells.frame_mixed, nodes, work)
-    scatter(scale, cells.pairs, nodes, work)
+    scatter(cells.pairs, nodes, work)
 
 
 class PlannedCells:
@@ -51,6 +53,7 @@ class PlannedCells:
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
+        panels: Of the factor.
 
     Attributes:
         arrays: For the kernels.
@@ -58,7 +61,13 @@ class PlannedCells:
     """
 
     def __init__(
-        self, model: Model, groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
+        self,
+        model: Model,
+        groups: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+        panels: Array,
     ) -> None:
         self._count = sum(len(group.cells) for group in model.filling)
         self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
@@ -70,12 +79,7 @@ class PlannedCells:
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
         self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout)
-        self._beside_linear = [
-            (group.cells, np.ascontiguousarray(np.swapaxes(group.gradients, 2, 3)))
-            for group in self._paired_groups
-            if group.fills and group.cells.shape[1] != 4
-        ]
+        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout, panels)
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
         self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 
@@ -98,10 +102,6 @@ class PlannedCells:
         for group in (each for each in self._paired_groups if each.fills):
             result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
         return result
-
-    def inverted_beside_linear(self, positions: Array) -> int:
-        """How many cells of more than four nodes are inside out at positions (n, 3)."""
-        return sum(count_folded(positions, *cells) for cells in self._beside_linear)
 
 
 def deforming(model: Model) -> list[ElementGroup]:
@@ -159,18 +159,11 @@ def _elements(
             column = layout.panel_columns(supernode[there, a], unknown)
             starts[there, pair] = offset[there, a] + column
     return group, Elements(
-        nodes=_in_lanes(ordered),
-        corners=_in_lanes(nodes),
-        gradients=_in_lanes(gradients.reshape(-1, 12)),
+        nodes=in_lanes(ordered),
+        corners=in_lanes(nodes),
+        gradients=in_lanes(gradients.reshape(-1, 12)),
         lame=np.zeros((-(-len(nodes) // LANES), 2, LANES)),
         starts=starts,
         strides=strides,
         counts=counts,
     )
-
-
-def _in_lanes(rows: Any) -> Any:
-    """Rows (e, r) as batches (B, r, LANES); lanes beyond the last row repeat it."""
-    missing = -len(rows) % LANES
-    padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
-    return np.ascontiguousarray(padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2))

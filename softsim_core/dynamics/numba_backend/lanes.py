@@ -99,6 +99,25 @@ class Batch:
         """Write row `row` of LANES numbers behind `base`."""
         self.v.store(lanes.value, self.v.at(base, ir.IntType(64)(LANES * row)))
 
+    def start(self, array_type: Any, array: Any, row: Any) -> Any:
+        """Address of row `row` of an array of rows of LANES numbers."""
+        return self.v.at(self.v.data(array_type, array), self.builder.mul(row, row.type(LANES)))
+
+    def load(self, base: Any, count: int, first: int = 0) -> list[Lanes]:
+        """`count` rows of LANES numbers behind `base`, from row `first` on."""
+        return self.rows(base, ir.IntType(64)(LANES * first), count)
+
+    def load_matrix(self, base: Any, first: int = 0) -> Matrix:
+        """Nine rows behind `base`, from row `first` on, as a matrix."""
+        rows = self.load(base, 9, first)
+        return [rows[3 * i : 3 * i + 3] for i in range(3)]
+
+    def put_matrix(self, base: Any, first: int, matrix: Matrix) -> None:
+        """Write a matrix to nine rows behind `base`, from row `first` on."""
+        for i in range(3):
+            for j in range(3):
+                self.put(base, first + 3 * i + j, matrix[i][j])
+
     def nodes(self, base: Any, start: Any) -> list[list[Any]]:
         """Numbers of the four nodes of every lane."""
         integer = start.type

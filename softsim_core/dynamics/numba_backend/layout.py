@@ -36,18 +36,18 @@ class Elements(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of nodes that share a cell, and where the block of each goes; works for any nodes per cell.
+    """Stiffness blocks of pairs of nodes, one of which is in a moving region, and where each goes.
+
+    The first node of a pair is eliminated no later than the second; works for any nodes per cell.
 
     Attributes:
-        blocks: Stiffness blocks of all ordered pairs of all cells in [N/m], shape (p, 3, 3).
-        free: Two free nodes, the first eliminated no later: block, panel place, panel width, shape (., 3).
+        blocks: Of all pairs of nodes of the cells that have one there, in the unit of the matrix, (p, 3, 3).
         beside: A free node and one in a moving region: block, place of the first panel row, panel width,
             supernode, number of the region node, shape (., 5).
         regions: Two nodes in moving rigid regions: block and their numbers, shape (., 3).
     """
 
     blocks: Array
-    free: IndexArray
     beside: IndexArray
     regions: IndexArray
 
@@ -58,7 +58,7 @@ class Cells(NamedTuple):
     Attributes:
         polar_free, polar_mixed: Law `corotational`: all nodes free, and others.
         frame_free, frame_mixed: Law `corotational_qr`: all nodes free, and others.
-        pairs: Of all other laws and elements.
+        pairs: What is left to add of all other laws and elements.
     """
 
     polar_free: Elements

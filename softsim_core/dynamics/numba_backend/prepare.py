@@ -48,14 +48,15 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     reduced_size = model.reduced_size + len(rows.joint)
     layout = plan(len(model.free_nodes), edges, beside, reduced_size, LANES, ROWS)
     nodes = _nodes(model, layout, reduced_size)
+    work = _work(model, layout, reduced_size)
     return Prepared(
-        PlannedCells(model, groups, nodes, local, layout),
+        PlannedCells(model, groups, nodes, local, layout, work.factor.panels),
         nodes,
         _kinematics(model),
         rows,
         kinds,
         tree_of(layout),
-        _work(model, layout, reduced_size),
+        work,
     )
 
 

@@ -15,97 +15,85 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array
+from softsim_core.dynamics.numba_backend.batches import CellBatches, gather, in_lanes, put_gradient
 from softsim_core.dynamics.numba_backend.compile import kernel
+from softsim_core.dynamics.numba_backend.rubber_lanes import (
+    LEFT_ROWS,
+    MODULI,
+    NODE_ROWS,
+    POINT_ROWS,
+    put_block,
+    put_left,
+    put_node,
+    put_stress,
+    put_volume,
+)
+from softsim_core.dynamics.numba_backend.scatter import CellPlaces, add_blocks
 from softsim_core.fem.assembly import mean_volume_law, split_bulk
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.first_invariant import SeriesRubber
 from softsim_core.fem.materials.relaxing import Relaxing, law_within
+from softsim_core.linalg.simd import LANES
 
 
 class RubberCells(NamedTuple):
-    """Cells of one element and one law, m of them with a nodes and q points.
+    """Cells of one element and one law, in B batches of LANES, with a nodes and q points.
 
     Attributes:
-        nodes: Node indices, shape (m, a).
-        weights: Rest volume at each point in [m^3], shape (m, q).
-        gradients: Shape gradients in [1/m], shape (m, q, 3, a).
-        series: Coefficients of psi in [Pa], see SeriesRubber, shape (m, 4).
-        slope: s, the slope of psi's part by a principal stretch at rest in [Pa], shape (m,).
-        bulk: Bulk coefficients in [Pa] at the points and on the mean, shape (m, 2).
+        cells: Their nodes and gradients.
+        weights: Rest volume at each point in [m^3], shape (B q, LANES).
+        moduli: In [Pa], see `tune`, shape (B MODULI, LANES).
     """
 
-    nodes: IndexArray
+    cells: CellBatches
     weights: Array
-    gradients: Array
-    series: Array
-    slope: Array
-    bulk: Array
+    moduli: Array
 
 
-def rubber_cells(group: ElementGroup) -> RubberCells:
+def rubber_cells(group: ElementGroup, cells: CellBatches) -> RubberCells:
     """The cells of a group of a SeriesRubber; `tune` gives them the values of their law."""
-    count = len(group.cells)
-    return RubberCells(
-        np.ascontiguousarray(group.cells),
-        group.weights,
-        np.ascontiguousarray(np.swapaxes(group.gradients, 2, 3)),
-        np.zeros((count, 4)),
-        np.zeros(count),
-        np.zeros((count, 2)),
-    )
+    weights = in_lanes(group.weights)
+    return RubberCells(cells, weights.reshape(-1, LANES), np.zeros((len(weights) * MODULI, LANES)))
 
 
 def tune(cells: RubberCells, group: ElementGroup, p: Array) -> None:
-    """Take over the values p (m, k) of the law's parameters."""
+    """Take over the values p (m, k) of the law's parameters.
+
+    The moduli are the coefficients of psi, see SeriesRubber, s, the slope of psi's part by a principal
+    stretch at rest, and the bulk coefficients at the points and on the mean.
+    """
     law, left = law_within(group.material), np.ones(len(p))
     if isinstance(group.material, Relaxing):
         left, p = group.material.left(p), group.material.own(p)
     assert isinstance(law, SeriesRubber)  # see PairedCells
-    cells.series[:] = left[:, None] * law.series(p)
-    cells.slope[:] = left * law.rest_moduli(p).slope
-    if mean_volume_law(group) is None:
-        cells.bulk[:, 0], cells.bulk[:, 1] = law.bulk(p), 0.0
-    else:
-        cells.bulk[:, 0], cells.bulk[:, 1] = split_bulk(law, p)
+    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(law, p)
+    series = left[:, None] * law.series(p)
+    moduli = np.column_stack([series, left * law.rest_moduli(p).slope, *bulk])
+    cells.moduli[:] = in_lanes(moduli).reshape(-1, LANES)
 
 
 @kernel
-def gradient_at(nodal: Array, cells: RubberCells, e: int, q: int, out: Array) -> None:
-    """Sum over the nodes of nodal values (n, 3) times their gradients at point q of cell e, (3, 3)."""
-    gradients, nodes = cells.gradients, cells.nodes
-    for i in range(3):
-        for j in range(3):
-            total = 0.0
-            for n in range(nodes.shape[1]):
-                total += nodal[nodes[e, n], i] * gradients[e, q, j, n]
-            out[i, j] = total
-
-
-@kernel
-def cofactor_of(f: Array, out: Array) -> float:
-    """Cofactors of a matrix (3, 3); returns its determinant."""
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            r, s = (j + 1) % 3, (j + 2) % 3
-            out[i, j] = f[k, r] * f[m, s] - f[k, s] * f[m, r]
-    volume: float = f[0, 0] * out[0, 0] + f[0, 1] * out[0, 1] + f[0, 2] * out[0, 2]
-    return volume
+def put_means(points: Array, weights: Array, first: int, count: int, means: Array) -> None:
+    """Means over each cell's `count` points of their rows 27 to 30, then its volume, into `means`."""
+    means[:] = 0.0
+    for q in range(count):
+        for lane in range(LANES):
+            w = weights[first + q, lane]
+            means[3, lane] += w
+            for k in range(3):
+                means[k, lane] += w * points[POINT_ROWS * q + 27 + k, lane]
+    for lane in range(LANES):
+        for k in range(3):
+            means[k, lane] /= means[3, lane]
 
 
 @kernel
 def fill_rubber(
-    x: Array,
-    moved: Array,
-    velocities: Array,
-    lag: float,
-    mean_share: float,
-    cells: RubberCells,
-    forces: Array,
-    blocks: Array,
-) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and put their stiffness.
+    x: Array, moved: Array, velocities: Array, lag: float, mean_share: float, scale: float,
+    rubber: RubberCells, places: CellPlaces, forces: Array, panels: Array, kept: Array,
+) -> None:  # fmt: skip
+    """Add f - lag K v of the cells to the forces (n, 3), and `scale` times their stiffness to the matrix.
 
     Args:
         x: Positions in [m], shape (n, 3).
@@ -113,129 +101,61 @@ def fill_rubber(
         velocities: In [m/s], shape (n, 3).
         mean_share: See fem.assembly.cell_stiffness.
         lag: In [s].
-        cells: The cells.
+        scale: Of the stiffness.
+        rubber: The cells.
+        places: Where their blocks go.
         forces: In [N], shape (n, 3).
-        blocks: Of all ordered pairs of nodes of each cell in [N/m], shape (m a a, 3, 3).
+        panels: Of the factor.
+        kept: See Pairs.blocks.
     """
-    nodes, weights, gradients = cells.nodes, cells.weights, cells.gradients
-    series, bulk = cells.series, cells.bulk
-    a, points = nodes.shape[1], weights.shape[1]
-    f, c, df = np.empty((points, 3, 3)), np.empty((points, 3, 3)), np.empty((3, 3))
-    old, old_c = np.empty((3, 3)), np.empty((3, 3))
-    dilatation, before, change = np.empty(points), np.empty(points), np.empty(points)
-    fg, cg, mean = np.empty((3, a)), np.empty((3, a)), np.empty((3, a))
-    k, total, across = np.empty((a, 3, 3, a)), np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(nodes)):
-        volume, mean_now, mean_before, straining = 0.0, 0.0, 0.0, 0.0
-        for q in range(points):
-            w = weights[e, q]
-            volume += w
-            gradient_at(x, cells, e, q, f[q])
-            dilatation[q] = cofactor_of(f[q], c[q]) - 1.0
-            mean_now += w * dilatation[q]
-            if len(moved):
-                gradient_at(moved, cells, e, q, df)
-                old[:] = f[q] - df
-                before[q] = cofactor_of(old, old_c) - 1.0 + (old_c * df).sum()
-                mean_before += w * before[q]
-            gradient_at(velocities, cells, e, q, df)
-            change[q] = (c[q] * df).sum()
-            straining += w * change[q]
-        mean_now, mean_before, straining = mean_now / volume, mean_before / volume, straining / volume
-        k[:] = 0.0
-        mean[:] = 0.0
-        for q in range(points):
-            w, t = weights[e, q], (f[q] ** 2).sum() - 3.0
-            over = 1.0 / (t + 4.0)
-            c1, c2, c3, log = series[e, 0], series[e, 1], series[e, 2], series[e, 3]
-            first = 2.0 * w * (c1 + t * (2.0 * c2 + 3.0 * t * c3) - log * over)
-            second = 4.0 * w * (2.0 * c2 + 6.0 * t * c3 + log * over * over)
-            tension = w * (bulk[e, 0] * dilatation[q] + bulk[e, 1] * mean_now - cells.slope[e])
-            turning = tension
-            if len(moved):
-                turning = w * (bulk[e, 0] * before[q] + bulk[e, 1] * mean_before - cells.slope[e])
-            at_point = w * bulk[e, 0]
-            gradient_at(velocities, cells, e, q, df)
-            along = (f[q] * df).sum()
-            pressure = at_point * change[q] + w * mean_share * bulk[e, 1] * straining
-            for i in range(3):
-                r, s = (i + 1) % 3, (i + 2) % 3
-                for j in range(3):
-                    u, v = (j + 1) % 3, (j + 2) % 3
-                    turned = f[q, r, u] * df[s, v] + df[r, u] * f[q, s, v]
-                    turned -= f[q, r, v] * df[s, u] + df[r, v] * f[q, s, u]
-                    answer = first * df[i, j] + second * along * f[q, i, j]
-                    answer += turning * turned + pressure * c[q, i, j]
-                    total[i, j] = first * f[q, i, j] + tension * c[q, i, j] + lag * answer
-            for i in range(3):
-                for n in range(a):
-                    g0, g1, g2 = gradients[e, q, 0, n], gradients[e, q, 1, n], gradients[e, q, 2, n]
-                    fg[i, n] = f[q, i, 0] * g0 + f[q, i, 1] * g1 + f[q, i, 2] * g2
-                    cg[i, n] = c[q, i, 0] * g0 + c[q, i, 1] * g1 + c[q, i, 2] * g2
-                    mean[i, n] += w * cg[i, n]
-                    forces[nodes[e, n], i] -= total[i, 0] * g0 + total[i, 1] * g1 + total[i, 2] * g2
-            for m in range(a):
-                g0, g1, g2 = gradients[e, q, 0, m], gradients[e, q, 1, m], gradients[e, q, 2, m]
-                for i in range(3):  # F (g_m x g_n) = across g_n
-                    across[i, 0] = turning * (f[q, i, 1] * g2 - f[q, i, 2] * g1)
-                    across[i, 1] = turning * (f[q, i, 2] * g0 - f[q, i, 0] * g2)
-                    across[i, 2] = turning * (f[q, i, 0] * g1 - f[q, i, 1] * g0)
-                for i in range(3):
-                    left_f, left_c = second * fg[i, m], at_point * cg[i, m]
-                    for j in range(3):
-                        if i == j:
-                            for n in range(a):
-                                k[m, i, j, n] += (
-                                    left_f * fg[j, n]
-                                    + left_c * cg[j, n]
-                                    + first
-                                    * (
-                                        g0 * gradients[e, q, 0, n]
-                                        + g1 * gradients[e, q, 1, n]
-                                        + g2 * gradients[e, q, 2, n]
-                                    )
-                                )
-                        else:
-                            axis = 3 - i - j
-                            sign = 1.0 if (i + 1) % 3 == j else -1.0
-                            h0, h1, h2 = (
-                                sign * across[axis, 0],
-                                sign * across[axis, 1],
-                                sign * across[axis, 2],
-                            )
-                            for n in range(a):
-                                k[m, i, j, n] += (
-                                    left_f * fg[j, n]
-                                    + left_c * cg[j, n]
-                                    + (
-                                        h0 * gradients[e, q, 0, n]
-                                        + h1 * gradients[e, q, 1, n]
-                                        + h2 * gradients[e, q, 2, n]
-                                    )
-                                )
-        scale, place = mean_share * bulk[e, 1] / volume, e * a * a
+    nodes, gradients, weights = rubber.cells.nodes, rubber.cells.gradients, rubber.weights
+    batches, a, _ = nodes.shape
+    count = len(weights) // batches
+    values, states = np.zeros((3 * a, LANES)), np.empty((POINT_ROWS * count, LANES))
+    step, means, bulk = np.empty((9, LANES)), np.empty((4, LANES)), np.empty((1, LANES))
+    right, left = np.empty((NODE_ROWS * a * count, LANES)), np.empty((LEFT_ROWS * count, LANES))
+    volumes, pulls = np.empty((3 * a, LANES)), np.empty((3 * a, LANES))
+    blocks, pitch = np.empty((3 * a * (a + 1) // 2, LANES, 4)), 3 * count
+    for batch in range(batches):
+        place, weight = batch * a * pitch, batch * count
+        gather(x, nodes, batch, values)
+        for q in range(count):
+            put_gradient(values, gradients, place + 3 * q, pitch, a, states, POINT_ROWS * q)
+        gather(velocities, nodes, batch, values)
+        for q in range(count):
+            put_gradient(values, gradients, place + 3 * q, pitch, a, states, POINT_ROWS * q + 18)
+        if len(moved):
+            gather(moved, nodes, batch, values)
+        else:
+            values[:] = 0.0
+        for q in range(count):
+            put_gradient(values, gradients, place + 3 * q, pitch, a, step, 0)
+            put_volume(states, POINT_ROWS * q, step)
+        put_means(states, weights, weight, count, means)
+        volumes[:] = 0.0
+        pulls[:] = 0.0
+        for q in range(count):
+            point = POINT_ROWS * q
+            put_stress(
+                states, point, weights, weight + q, rubber.moduli, batch, means, lag, mean_share, scale
+            )
+            for n in range(a):
+                slope, row = place + n * pitch + 3 * q, NODE_ROWS * (n * count + q)
+                put_node(states, point, gradients, slope, weights, weight + q, n, right, row, volumes, pulls)
+        for lane in range(LANES):
+            bulk[0, lane] = scale * mean_share * rubber.moduli[MODULI * batch + 6, lane] / means[3, lane]
+        pair = 0
         for m in range(a):
+            for q in range(count):
+                slope, row = place + m * pitch + 3 * q, NODE_ROWS * (m * count + q)
+                put_left(states, POINT_ROWS * q, gradients, slope, right, row, left, LEFT_ROWS * q)
+            for n in range(m, a):
+                row, slope = NODE_ROWS * n * count, place + n * pitch
+                put_block(left, right, row, gradients, slope, count, volumes, m, n, bulk, blocks, pair)
+                pair += 1
+        first = batch * LANES
+        for lane in range(min(LANES, len(places.strides) - first)):
             for n in range(a):
                 for i in range(3):
-                    for j in range(3):
-                        blocks[place + m * a + n, i, j] = k[m, i, j, n] + scale * mean[i, m] * mean[j, n]
-
-
-@kernel
-def count_folded(x: Array, nodes: IndexArray, gradients: Array) -> int:
-    """How many cells have det F <= 0 at one of their points; arguments as in RubberCells."""
-    count = 0
-    for e in range(len(nodes)):
-        folded = False
-        for q in range(gradients.shape[1]):
-            f = np.zeros((3, 3))
-            for n in range(nodes.shape[1]):
-                for i in range(3):
-                    for j in range(3):
-                        f[i, j] += x[nodes[e, n], i] * gradients[e, q, j, n]
-            volume = f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
-            volume += f[0, 1] * (f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2])
-            volume += f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
-            folded = folded or volume <= 0.0
-        count += 1 if folded else 0
-    return count
+                    forces[nodes[batch, n, lane], i] += pulls[3 * n + i, lane]
+            add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, kept)

@@ -1,35 +1,81 @@
-"""Cells whose stiffness blocks are computed first, then added to the factor's panels pair by pair."""
+"""Where the stiffness blocks of a cell of any nodes go: to the factor's panels, and to reduced coordinates.
+
+Of each cell there is one block for each pair of its nodes, which stand in the order of their elimination.
+Those of free nodes are added to the panels at once; what moving regions take is kept until their Jacobians
+are known.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.layout import Nodes, Pairs, Work
-from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
-from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
-from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
-from softsim_core.fem.materials.first_invariant import SeriesRubber
-from softsim_core.fem.materials.relaxing import law_within
-from softsim_core.fem.prony import held_stiffness
-from softsim_core.kernels import OneSignature
+from softsim_core.linalg.simd import add_block
 from softsim_core.linalg.symbolic import Plan
-from softsim_core.mechanics.state import State, held_name
+
+
+class CellPlaces(NamedTuple):
+    """Places of the blocks of m cells with a nodes each: free ones, then those in moving regions, then fixed.
+
+    Attributes:
+        starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
+            shape (m, a (a + 1) / 2).
+        strides: Panel width at each node, 0 where it is not free, shape (m, a).
+        kept: Place in Pairs.blocks of each cell's first block, -1: none of its nodes is in a moving region,
+            shape (m,).
+    """
+
+    starts: IndexArray
+    strides: IndexArray
+    kept: IndexArray
 
 
 @kernel
-def scatter(scale: float, pairs: Pairs, nodes: Nodes, work: Work) -> None:
-    """Add scale times the blocks of all pairs to panels and reduced; work.jacobian has to be in place."""
+def add_blocks(
+    blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, kept: Array
+) -> None:
+    """Add the blocks of cell e to the panels, and to `kept` if a moving region takes part.
+
+    Rows of the blocks are four numbers, the fourth zero; the first is at number `place` of `blocks`, each
+    further one `pitch` numbers behind.
+    """
+    strides, starts = places.strides, places.starts
+    a = strides.shape[1]
+    for n in range(a):
+        if strides[e, n] == 0:
+            break
+        pair = n
+        for m in range(n + 1):  # column by column: what was just stored in a row is not loaded at once
+            add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
+            pair += a - m - 1
+    first = places.kept[e]
+    if first >= 0:
+        numbers = blocks.reshape(-1)
+        for k in range(starts.shape[1]):
+            for i in range(3):
+                row = place + (3 * k + i) * pitch
+                for j in range(3):
+                    kept[first + k, i, j] += numbers[row + j]
+
+
+@kernel
+def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, kept: Array) -> None:
+    """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells, the fourth number of a row zero."""
+    for e in range(len(blocks)):
+        add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, kept)
+
+
+@kernel
+def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
+    """Add what is kept of the blocks to panels and reduced; work.jacobian has to be in place."""
     panels, schur, jacobian, blocks = work.factor.panels, work.factor.schur, work.jacobian, pairs.blocks
-    for p in range(len(pairs.free)):
-        block, place, width = pairs.free[p, 0], pairs.free[p, 1], pairs.free[p, 2]
-        for i in range(3):
-            for j in range(3):
-                panels[place + i * width + j] += scale * blocks[block, i, j]
     for p in range(len(pairs.beside)):
         block, place, width = pairs.beside[p, 0], pairs.beside[p, 1], pairs.beside[p, 2]
         supernode, z = pairs.beside[p, 3], pairs.beside[p, 4]
@@ -39,128 +85,22 @@ def scatter(scale: float, pairs: Pairs, nodes: Nodes, work: Work) -> None:
                 total = 0.0
                 for j in range(3):
                     total += blocks[block, i, j] * jacobian[z, q, j]
-                panels[at + i * width] += scale * total
+                panels[at + i * width] += total
     for p in range(len(pairs.regions)):
         block, a, b = pairs.regions[p, 0], pairs.regions[p, 1], pairs.regions[p, 2]
         for q in range(nodes.size[b]):
             k = nodes.reduced[b, q]
             for r in range(nodes.size[a]):
                 m = nodes.reduced[a, r]
-                if m <= k:
-                    for i in range(3):
-                        for j in range(3):
-                            schur[m, k] += scale * jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
-
-
-class PairedCells:
-    """The cells whose stiffness is added pair by pair: rubber by its own kernel, the others from NumPy.
-
-    Args:
-        groups: Their groups, without cells that are rigid as a whole.
-        whole: All groups of the model, with them.
-        nodes: Places of the nodes in the step's arrays.
-        local: Number of each free node among the free ones, shape (n,).
-        layout: The plan of the factor.
-    """
-
-    def __init__(
-        self,
-        groups: Sequence[ElementGroup],
-        whole: Sequence[ElementGroup],
-        nodes: Nodes,
-        local: IndexArray,
-        layout: Plan,
-    ) -> None:
-        self._groups = [
-            (group, rubber_cells(group) if isinstance(law_within(group.material), SeriesRubber) else None)
-            for group in groups
-            if len(group.cells)
-        ]
-        kinds = [(group.element.name, group.material.name) for group in whole]
-        self._reinforcing = [strain_cells(group) for group, _ in self._groups]
-        self._places = []
-        for group, _ in self._groups:
-            k = kinds.index((group.element.name, group.material.name))
-            self._places.append((k, np.searchsorted(whole[k].numbers, group.numbers)))
-        ordered = [node_pairs(group.cells) for group, _ in self._groups]
-        both = np.concatenate([np.zeros((0, 2), np.int64), *ordered])
-        self.pairs = _placed(both, nodes, local, layout)
-        self._fill_rubber, self._fill_strain = OneSignature(fill_rubber), OneSignature(fill_strain)
-
-    def __bool__(self) -> bool:
-        return bool(self._groups)
-
-    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
-        """Take over the parameters of each body's law by name."""
-        for (group, compiled), reinforcing in zip(self._groups, self._reinforcing, strict=True):
-            if compiled is not None:
-                tune(compiled, group, group.values(materials))
-            if reinforcing is not None:
-                tune_strain(reinforcing, group, group.values(materials))
-
-    def fill(
-        self,
-        state: State,
-        materials: Sequence[Mapping[str, float]],
-        positive: bool,
-        lag: float = 0.0,
-        straining: Array | None = None,
-        moved: Array | None = None,
-        mean_share: float = 1.0,
-    ) -> Array:
-        """Set the blocks at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
-
-        Args:
-            state: Positions.
-            materials: Parameters of each body's law by name.
-            positive: See fem.assembly.cell_stiffness.
-            lag: In [s].
-            straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
-            moved: See fem.assembly.cell_stiffness.
-            mean_share: See there.
-        """
-        forces, first = np.zeros_like(state.positions), 0
-        velocities = np.zeros_like(forces) if straining is None else straining
-        for k, (group, compiled) in enumerate(self._groups):
-            count = group.cells.size * group.cells.shape[1]
-            blocks = self.pairs.blocks[first : first + count]
-            first += count
-            if compiled is not None and (not positive or (moved is not None and mean_volume_law(group))):
-                by = forces[:0] if moved is None else moved
-                self._fill_rubber(state.positions, by, velocities, lag, mean_share, compiled, forces, blocks)
-                if straining is not None:
-                    self._hold(k, state, lag, velocities, forces, blocks)
-                continue
-            reinforcing = self._reinforcing[k]
-            if reinforcing is not None and positive:
-                by = forces[:0] if moved is None else moved
-                self._fill_strain(state.positions, by, velocities, lag, reinforcing, forces, blocks)
-                continue
-            p = group.values(materials)
-            stiffness = cell_stiffness(
-                group, state.positions, p, positive, moved=moved, mean_share=mean_share
-            )
-            on_nodes = cell_forces(group, state.positions, p)
-            on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
-            np.add.at(forces, group.cells, on_nodes)
-            blocks[:] = stiffness.reshape(-1, 3, 3)
-            if straining is not None:
-                self._hold(k, state, lag, velocities, forces, blocks)
-        return forces
-
-    def _hold(
-        self, k: int, state: State, lag: float, velocities: Array, forces: Array, blocks: Array
-    ) -> None:
-        """Add what cells of a relaxing law hold; see fem.prony."""
-        place, chosen = self._places[k]
-        held = state.extra.get(held_name(place))
-        if held is None:
-            return
-        group = self._groups[k][0]
-        stiffness = held_stiffness(group, held[chosen])
-        ahead = (state.positions + lag * velocities)[group.cells]
-        np.add.at(forces, group.cells, -(stiffness @ ahead))
-        blocks[:, range(3), range(3)] += stiffness.reshape(-1, 1)
+                if a == b and m > k:
+                    continue
+                total = 0.0
+                for i in range(3):
+                    for j in range(3):
+                        total += jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
+                if a != b and m == k:  # from the transposed block, too
+                    total *= 2.0
+                schur[min(m, k), max(m, k)] += total
 
 
 def node_pairs(cells: IndexArray) -> IndexArray:
@@ -170,23 +110,45 @@ def node_pairs(cells: IndexArray) -> IndexArray:
     return np.stack([first.ravel(), second.ravel()], axis=1)
 
 
-def _placed(both: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan) -> Pairs:
-    """Where the block of each ordered pair of nodes (p, 2) goes; those of held nodes go nowhere."""
-    free, region = local[both], nodes.region_number[both]
-    place = np.append(layout.position, -1)[free]  # -1 where a node is not free
-    upper = np.flatnonzero((free >= 0).all(axis=1) & (place[:, 0] <= place[:, 1]))
-    node = free[upper, 0]
-    supernode = layout.supernode[node]
-    column = layout.panel_columns(supernode, 3 * place[upper, 1])
-    in_free = np.stack([upper, layout.row_offset[node] + column, layout.width[supernode]], axis=1)
-    mixed = np.flatnonzero((free[:, 0] >= 0) & (region[:, 1] >= 0))
-    node = free[mixed, 0]
-    supernode = layout.supernode[node]
-    beside = (mixed, layout.row_offset[node], layout.width[supernode], supernode, region[mixed, 1])
-    inside = np.flatnonzero((region >= 0).all(axis=1))
-    return Pairs(
-        blocks=np.zeros((len(both), 3, 3)),
-        free=in_free,
-        beside=np.stack(beside, axis=1).astype(np.int64).reshape(-1, 5),
-        regions=np.column_stack([inside, region[inside]]).astype(np.int64).reshape(-1, 3),
+def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
+    """The group with its cells, and the nodes of each, as they are eliminated; see CellPlaces."""
+    count = len(layout.position)
+    places = np.append(layout.position, count)[local]  # local is -1 where a node is not free
+    rank = (places + ((local < 0) & (nodes.region_number < 0)))[group.cells]
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    group, rank = group.part(order), rank[order]
+    inside = np.argsort(rank, axis=1, kind="stable")
+    return replace(
+        group,
+        cells=np.take_along_axis(group.cells, inside, axis=1),
+        gradients=np.take_along_axis(group.gradients, inside[:, None, :, None], axis=2),
     )
+
+
+def cell_places(
+    groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[list[CellPlaces], Pairs]:
+    """Places of the blocks of groups in elimination order, and room for those that are kept."""
+    result, beside, regions = [], [np.zeros((0, 5), np.int64)], [np.zeros((0, 3), np.int64)]
+    height = 0
+    for group in groups:
+        first, second = np.triu_indices(group.cells.shape[1])
+        free, region = local[group.cells], nodes.region_number[group.cells]
+        supernode = np.where(free >= 0, np.append(layout.supernode, 0)[free], 0)
+        offset, width = np.append(layout.row_offset, 0)[free], np.append(layout.width, 0)[supernode]
+        both = np.nonzero((free[:, first] >= 0) & (free[:, second] >= 0))
+        one, other = (both[0], first[both[1]]), (both[0], second[both[1]])
+        starts = np.full((len(group.cells), len(first)), -1, np.int64)
+        starts[both] = offset[one] + layout.panel_columns(supernode[one], 3 * layout.position[free[other]])
+        touching = (region >= 0).any(axis=1)
+        kept = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)
+        height += len(first) * int(touching.sum())
+        result.append(CellPlaces(starts, np.where(free >= 0, width, 0), kept))
+        cell, pair = np.nonzero(region[:, second] >= 0)
+        block, one, z = kept[cell] + pair, (cell, first[pair]), region[cell, second[pair]]
+        mixed, inside = free[one] >= 0, region[one] >= 0
+        rows = np.stack([block, offset[one], width[one], supernode[one], z], axis=1)
+        beside.append(rows[mixed])
+        regions.append(np.stack([block, region[one], z], axis=1)[inside])
+    pairs = Pairs(np.zeros((height, 3, 3)), np.concatenate(beside), np.concatenate(regions))
+    return result, pairs

@@ -35,7 +35,7 @@ from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.cholesky import factor, solve_backward
-from softsim_core.linalg.layout import Tree
+from softsim_core.linalg.layout import Tree, clear
 from softsim_core.linalg.simd import steady_seconds
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
@@ -49,12 +49,10 @@ def assemble(
     kinematics: Kinematics, cells: Cells, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree,
     work: Work,
 ) -> None:  # fmt: skip
-    """Forces, matrix and right-hand side of the step, into `work`."""
+    """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
     x, v = motion.positions, motion.velocities
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
-    work.factor.panels[:] = 0.0
-    work.factor.schur[:] = 0.0
     work.forces[:, :3] = external
     for n in range(len(x)):
         for i in range(3):
@@ -197,9 +195,10 @@ class NumbaStepper:
         straining = self._turning.straining(state.positions, state.velocities)
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+        clear(data.work.factor)
         if data.cells.paired:
             external += data.cells.paired.fill(
-                state, parameters.materials, True, lag, straining, moved, model.dt / lag
+                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
             )
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
@@ -212,7 +211,7 @@ class NumbaStepper:
         )  # fmt: skip
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
-        inverted += data.cells.inverted_beside_linear(state.positions)
+        inverted += data.cells.paired.folded(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(STAGES, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all that follows
         return StepReport(float(speed), times, inverted, bool(speed == speed))
@@ -244,6 +243,7 @@ class NumbaStepper:
     def _factor_tangent(self, state: State, parameters: Parameters, loads: Array, tangent: int) -> bool:
         """Factor the static tangent in the panels; returns whether it is positive on the free nodes."""
         data = self._prepared
+        clear(data.work.factor)
         if data.cells.paired:
             loads = loads + data.cells.paired.fill(state, parameters.materials, tangent == CLAMPED)
         self._assemble_tangent(
@@ -294,7 +294,7 @@ class NumbaFreeMotion:
         if MOVED in state.extra:
             state.extra[MOVED][:] = state.positions - self.before.positions
         inverted = count_inverted(state.positions, self._corners)
-        inverted += self._responses.prepared.cells.inverted_beside_linear(state.positions)
+        inverted += self._responses.prepared.cells.paired.folded(state.positions)
         return replace(self.report, top_speed=speed, inverted=inverted)
 
 

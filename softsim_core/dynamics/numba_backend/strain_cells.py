@@ -29,12 +29,15 @@ class StrainCells(NamedTuple):
         weights: Rest volume at each point in [m^3], shape (m, q).
         gradients: Shape gradients in [1/m] along the d axes, shape (m, q, d, a).
         moduli: D11 = D22, D12 and D33 of D in [Pa], shape (m, 3).
+        blocks: Room for the blocks of each pair of nodes, 00, 01, ... 11, ..., in [N/m], shape
+            (m, a (a + 1) / 2, 3, 4); of each row the last number is not used.
     """
 
     nodes: IndexArray
     weights: Array
     gradients: Array
     moduli: Array
+    blocks: Array
 
 
 def strain_cells(group: ElementGroup) -> StrainCells | None:
@@ -43,8 +46,9 @@ def strain_cells(group: ElementGroup) -> StrainCells | None:
         return None
     axes = 1 if isinstance(group.material, Fibres) else 2
     gradients = np.ascontiguousarray(np.swapaxes(group.gradients[..., :axes], 2, 3))
-    cells = np.ascontiguousarray(group.cells)
-    return StrainCells(cells, np.ascontiguousarray(group.weights), gradients, np.zeros((len(cells), 3)))
+    cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
+    moduli, blocks = np.zeros((len(cells), 3)), np.zeros((len(cells), a * (a + 1) // 2, 3, 4))
+    return StrainCells(cells, np.ascontiguousarray(group.weights), gradients, moduli, blocks)
 
 
 def tune_strain(cells: StrainCells, group: ElementGroup, p: Array) -> None:
@@ -98,27 +102,27 @@ def leave_out_pressing(s: Array) -> None:
 
 @kernel
 def fill_strain(
-    x: Array, moved: Array, velocities: Array, lag: float, cells: StrainCells, forces: Array, blocks: Array
+    x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: StrainCells, forces: Array
 ) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and put their stiffness, without negative parts.
+    """Add f - lag K v of the cells to the forces (n, 3), and put scale times K, without negative parts.
 
     Args:
         x: Positions in [m], shape (n, 3).
         moved: See fem.assembly.cell_stiffness, shape (n, 3); no rows: the stress of K is that at x.
         velocities: In [m/s], shape (n, 3).
         lag: In [s].
+        scale: What the stiffness in `cells.blocks` is multiplied by.
         cells: The cells.
         forces: In [N], shape (n, 3).
-        blocks: Of all ordered pairs of nodes of each cell in [N/m], shape (m a a, 3, 3).
     """
     nodes, weights, gradients, moduli = cells.nodes, cells.weights, cells.gradients, cells.moduli
+    blocks = cells.blocks
     count, a, axes = len(nodes), nodes.shape[1], gradients.shape[2]
     v, dv, old = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))
     now, found, change, pull = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((2, 3))
     b, db = np.zeros((a, 3, 3)), np.zeros((3, 3))
     for e in range(count):
-        first = e * a * a
-        blocks[first : first + a * a] = 0.0
+        blocks[e] = 0.0
         for q in range(weights.shape[1]):
             w = weights[e, q]
             d11, d12, d33 = moduli[e, 0], moduli[e, 1], moduli[e, 2]
@@ -163,6 +167,8 @@ def fill_strain(
                     forces[nodes[e, n], k] -= w * (pull[0, k] * g0 + pull[1, k] * g1)
                     b[n, 0, k], b[n, 1, k] = v[0, k] * g0, v[1, k] * g1
                     b[n, 2, k] = v[0, k] * g1 + v[1, k] * g0
+            w *= scale
+            pair = 0
             for m in range(a):
                 g0 = gradients[e, q, 0, m]
                 g1 = gradients[e, q, 1, m] if axes == 2 else 0.0
@@ -174,15 +180,10 @@ def fill_strain(
                 for n in range(m, a):
                     h1 = gradients[e, q, 1, n] if axes == 2 else 0.0
                     turning = turn0 * gradients[e, q, 0, n] + turn1 * h1
-                    at = first + m * a + n
                     for i in range(3):
                         for j in range(3):
-                            blocks[at, i, j] += (
+                            blocks[e, pair, i, j] += (
                                 db[0, i] * b[n, 0, j] + db[1, i] * b[n, 1, j] + db[2, i] * b[n, 2, j]
                             )
-                        blocks[at, i, i] += turning
-        for m in range(a):
-            for n in range(m):
-                for i in range(3):
-                    for j in range(3):
-                        blocks[first + m * a + n, i, j] = blocks[first + n * a + m, j, i]
+                        blocks[e, pair, i, i] += turning
+                    pair += 1

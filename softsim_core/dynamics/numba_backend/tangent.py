@@ -15,15 +15,13 @@ def assemble_tangent(
     motion: Motion, external: Array, spring: Array, tangent: int, kinematics: Kinematics, cells: Cells,
     nodes: Nodes, work: Work,
 ) -> None:  # fmt: skip
-    """The static tangent into panels and reduced.
+    """The static tangent into panels and reduced, to what is there of paired cells.
 
     `external`: all loads but elastic ones (n, 3); `tangent`: elements.EXACT, or CLAMPED.
     """
     x = motion.positions
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
-    work.factor.panels[:] = 0.0
-    work.factor.schur[:] = 0.0
     work.forces[:, :3] = external
     work.ahead[:] = x
     assemble_cells(x, 1.0, tangent, tangent, cells, nodes, work)

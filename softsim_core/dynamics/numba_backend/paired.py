@@ -1,0 +1,153 @@
+"""The cells whose stiffness is added pair by pair: rubber, layers, fibres by kernels, others from NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.batches import cell_batches, count_folded
+from softsim_core.dynamics.numba_backend.layout import Nodes
+from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
+from softsim_core.dynamics.numba_backend.scatter import add_all_blocks, cell_places, in_elimination_order
+from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
+from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
+from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials.first_invariant import SeriesRubber
+from softsim_core.fem.materials.relaxing import law_within
+from softsim_core.fem.prony import held_stiffness
+from softsim_core.kernels import OneSignature
+from softsim_core.linalg.symbolic import Plan
+from softsim_core.mechanics.state import State, held_name
+
+
+class PairedCells:
+    """See the module.
+
+    Args:
+        groups: Their groups, without cells that are rigid as a whole.
+        whole: All groups of the model, with them.
+        nodes: Places of the nodes in the step's arrays.
+        local: Number of each free node among the free ones, shape (n,).
+        layout: The plan of the factor.
+        panels: Of the factor; `fill` adds to them.
+
+    Attributes:
+        pairs: What the kernels have to add of their blocks, see `scatter`.
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[ElementGroup],
+        whole: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+        panels: Array,
+    ) -> None:
+        self._groups = [
+            in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
+        ]
+        self._batches = [cell_batches(group) for group in self._groups]
+        self._rubber = [
+            rubber_cells(group, cells) if isinstance(law_within(group.material), SeriesRubber) else None
+            for group, cells in zip(self._groups, self._batches, strict=True)
+        ]
+        self._strain = [strain_cells(group) for group in self._groups]
+        kinds = [(group.element.name, group.material.name) for group in whole]
+        self._memories = []
+        for group in self._groups:
+            k = kinds.index((group.element.name, group.material.name))
+            self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
+        self._places, self.pairs = cell_places(self._groups, nodes, local, layout)
+        self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
+        self._fill_strain = OneSignature(fill_strain)
+        self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
+
+    def __bool__(self) -> bool:
+        return bool(self._groups)
+
+    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
+        """Take over the parameters of each body's law by name."""
+        for group, rubber, strain in zip(self._groups, self._rubber, self._strain, strict=True):
+            if rubber is not None:
+                tune(rubber, group, group.values(materials))
+            if strain is not None:
+                tune_strain(strain, group, group.values(materials))
+
+    def fill(
+        self,
+        state: State,
+        materials: Sequence[Mapping[str, float]],
+        positive: bool,
+        scale: float = 1.0,
+        lag: float = 0.0,
+        straining: Array | None = None,
+        moved: Array | None = None,
+        mean_share: float = 1.0,
+    ) -> Array:
+        """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
+
+        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later.
+
+        Args:
+            state: Positions.
+            materials: Parameters of each body's law by name.
+            positive: See fem.assembly.cell_stiffness.
+            scale: What the stiffness is multiplied by.
+            lag: In [s].
+            straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
+            moved: See fem.assembly.cell_stiffness.
+            mean_share: See there.
+        """
+        x, kept = state.positions, self.pairs.blocks
+        forces = np.zeros_like(x)
+        velocities = forces.copy() if straining is None else straining
+        kept[:] = 0.0
+        for k, group in enumerate(self._groups):
+            rubber, strain, places = self._rubber[k], self._strain[k], self._places[k]
+            by = forces[:0] if moved is None else moved
+            if rubber is not None and (not positive or (moved is not None and mean_volume_law(group))):
+                self._fill_rubber(
+                    x, by, velocities, lag, mean_share, scale, rubber, places, forces, self._panels, kept
+                )
+            elif strain is not None and positive:
+                self._fill_strain(x, by, velocities, lag, scale, strain, forces)
+                self._add_all_blocks(strain.blocks, places, self._panels, kept)
+            else:
+                p = group.values(materials)
+                stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
+                on_nodes = cell_forces(group, x, p)
+                on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
+                np.add.at(forces, group.cells, on_nodes)
+                self._add(k, scale * stiffness)
+            if straining is not None:
+                self._hold(k, state, scale, x + lag * velocities, forces)
+        return forces
+
+    def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
+        """Add what cells of a relaxing law hold, the forces at places `ahead` (n, 3); see fem.prony."""
+        name, chosen = self._memories[k]
+        held = state.extra.get(name)
+        if held is None:
+            return
+        group = self._groups[k]
+        stiffness = held_stiffness(group, held[chosen])
+        np.add.at(forces, group.cells, -(stiffness @ ahead[group.cells]))
+        self._add(k, scale * stiffness[..., None, None] * np.eye(3))
+
+    def _add(self, k: int, stiffness: Array) -> None:
+        """Add blocks (m, a, a, 3, 3) of all pairs of nodes of a group to the matrix."""
+        first, second = np.triu_indices(stiffness.shape[1])
+        blocks = np.zeros((len(stiffness), len(first), 3, 4))
+        blocks[..., :3] = stiffness[:, first, second]
+        self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
+
+    def folded(self, positions: Array) -> int:
+        """How many cells of more than four nodes are inside out at positions (n, 3)."""
+        return sum(
+            self._count_folded(positions, cells)
+            for group, cells in zip(self._groups, self._batches, strict=True)
+            if group.fills and group.cells.shape[1] != 4
+        )
