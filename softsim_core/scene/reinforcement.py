@@ -82,6 +82,7 @@ class FibresDescription:
         direction: Where they all run; or give `around`.
         around: They are wound around this axis.
         angle_deg: Of wound ones, how much they rise from the circle towards the axis, in [deg], -90 to 90.
+        radii: Of wound ones, they lie between these two distances from the axis in [m]; None: anywhere.
         box, sphere: They run through cells whose middle lies there; neither: through the whole body.
     """
 
@@ -90,6 +91,7 @@ class FibresDescription:
     direction: Vector | None = None
     around: AxisDescription | None = None
     angle_deg: float = 0.0
+    radii: tuple[float, float] | None = None
     box: Box | None = None
     sphere: Sphere | None = None
 
@@ -101,6 +103,13 @@ class FibresDescription:
             _need_direction(owner, self.direction)
         if not -90.0 <= self.angle_deg <= 90.0:
             raise FieldError(owner, "angle_deg", self.angle_deg, "between -90 and 90 deg")
+        if self.radii is not None:
+            if self.around is None:
+                raise SceneError(
+                    f"{owner}: radii belong to fibres that are wound around an axis; remove them"
+                )
+            if not 0.0 <= self.radii[0] < self.radii[1] < math.inf:
+                raise FieldError(owner, "radii", list(self.radii), "two rising distances >= 0 m")
         if self.box is not None and self.sphere is not None:
             raise SceneError(f"{owner}: give at most one of box and sphere")
         _check(owner, self.law, self.values)

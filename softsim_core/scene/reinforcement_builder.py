@@ -110,10 +110,13 @@ def _fibres(
     region = fibres.box or fibres.sphere
     if region is not None:
         own = own[nodes_in(region, rest[group.cells[own]].mean(axis=1))]
+    if fibres.radii is not None:
+        distance = _distance(fibres, rest[group.cells[own]].mean(axis=1))
+        own = own[(fibres.radii[0] <= distance) & (distance <= fibres.radii[1])]
     if not len(own):
         raise SceneError(
             f"fibres {fibres.name} of body {description.name}: no cell of the body has its middle inside "
-            "their region; move or enlarge it"
+            "their region or radii; move or enlarge them"
         )
     part = group.part(own)
     axes = _axes(_directions(fibres, description.name, part, rest))
@@ -138,6 +141,14 @@ def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest:
         )
     angle = np.radians(fibres.angle_deg)
     return np.asarray(np.cos(angle) * circle / radius + np.sin(angle) * along)
+
+
+def _distance(fibres: FibresDescription, points: Array) -> Array:
+    """Distance of points (m, 3) from the axis that fibres are wound around, in [m], shape (m,)."""
+    axis = fibres.around
+    assert axis is not None  # checked by the description
+    along = np.array(axis.direction) / np.linalg.norm(axis.direction)
+    return np.asarray(np.linalg.norm(np.cross(along, points - np.array(axis.through)), axis=1))
 
 
 def _places(group: ElementGroup, rest: Array) -> Array:

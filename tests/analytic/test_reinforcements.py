@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from softsim_core.errors import MaterialError, SceneError
 from softsim_core.fem.assembly import cell_energy, cell_forces, cell_stiffness
 from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
 from softsim_core.mechanics.pose import rotation_exp
@@ -181,3 +182,45 @@ def test_rubber_with_paper_bends_as_a_beam_of_two_layers() -> None:
     assert deflection["bare"] / deflection["paper"] == pytest.approx(
         bending / (rubber * HEIGHT**2 / 12.0), rel=0.06
     )
+
+
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        ({"layers": (lambda: paper(thickness=0.0),)}, "thickness must be > 0 m"),
+        ({"layers": (lambda: paper(young_modulus=-1.0),)}, "young_modulus must be > 0 Pa"),
+        ({"layers": (lambda: paper(box=None),)}, "exactly one of box and sphere"),
+        (
+            {"layers": (lambda: paper(box=Box(center=(1.0, 0.0, 0.0), size=(0.1,) * 3)),)},
+            "no face of the body",
+        ),
+        ({"layers": (paper, paper)}, "share the name paper"),
+        ({"fibres": (lambda: wound(direction=(1.0, 0.0, 0.0)),)}, "exactly one of direction and around"),
+        ({"fibres": (lambda: wound(radii=(0.02, 0.01)),)}, "two rising distances"),
+        ({"fibres": (lambda: wound(radii=(0.5, 0.6)),)}, "no cell of the body has its middle"),
+        ({"fibres": (lambda: wound(angle_deg=100.0),)}, "angle_deg must be between -90 and 90 deg"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(parts: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        Simulation(scene(**{kind: tuple(make() for make in makers) for kind, makers in parts.items()}))
+
+
+def test_their_parameters_are_tuned_by_name() -> None:
+    simulation = Simulation(scene(layers=(paper(),), fibres=(wound(),)))
+    simulation.set_material("bar.paper", young_modulus=2e9)
+    simulation.set_material("bar.thread", stiffness=3e5)
+    kept = simulation.snapshot()
+    assert simulation.parameters.materials[1:] == [
+        {"young_modulus": 2e9, "poisson_ratio": 0.3},
+        {"stiffness": 3e5},
+    ]
+    simulation.set_material("bar.thread", stiffness=1.0)
+    simulation.restore(kept)
+    assert simulation.parameters.materials[2] == {"stiffness": 3e5}
+    with pytest.raises(
+        SceneError, match=r"unknown body 'bar.cloth'; known bodies: bar, bar.paper, bar.thread"
+    ):
+        simulation.set_material("bar.cloth", stiffness=1.0)
+    with pytest.raises(MaterialError, match="stiffness"):
+        simulation.set_material("bar.thread", stiffness=-1.0)
