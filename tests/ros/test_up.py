@@ -19,6 +19,7 @@ from waiting import BUILD_S, DEADLINE_S
 pytest.importorskip("rclpy")
 
 from servo_bridge.virtual_board import VirtualBoard
+from softsim_ros.keys.press import REPEAT_INTERVAL_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 
@@ -183,12 +184,14 @@ def test_inverse_control_moves_the_bytes_with_the_goal(tmp_path: Path) -> None:
         wait_until(lambda: "inverse control: on" in terminal.screen, lambda: terminal.screen)
         assert board.servo_bytes == START  # switching on moves nothing
         for step in range(1, 4):
-            terminal.type(b"+")  # one step of 2 mm each; a held key would be slowed down
+            terminal.type(b"+")  # one step of 2 mm each
             height = f"z {GOAL_Z + 2.0 * step:.1f}"
             wait_until(
                 lambda height=height: re.search(rf"effector: .*{height} +off by 0\.[01]\d", terminal.screen),
                 lambda: terminal.screen,
             )
+            seen = time.monotonic()  # sooner than this again, the key would count as held and be slowed down
+            wait_until(lambda seen=seen: time.monotonic() > seen + REPEAT_INTERVAL_S, lambda: terminal.screen)
         assert board.servo_bytes is not None
         assert min(board.servo_bytes) > START[0]  # all three arms up
         terminal.type(b"q")
