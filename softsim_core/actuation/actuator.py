@@ -10,7 +10,11 @@ A cable has the shortening of its way as s and its tension as t, a chamber its v
 actuator with `by_multiplier` takes t itself as command. Every actuator belongs to a joint of the scene, whose
 position is s, whose effort is t, and whose limits are those of the command.
 
-What a new kind has to say is `place`, `value` and `row`; everything else has a default.
+What a new kind has to say is `place`, `value` and `row`; everything else has a default. Where the row turns
+with the body, `geometric_stiffness` has to be said, too: statics need it, and so do the steps of bodies whose
+law keeps its stress from step to step (rubber on quadratic cells). The stress under a taut cable takes
+stiffness from such a body, the cable gives it back; with the first alone in the matrix, damping that is
+proportional to it feeds the swinging instead.
 """
 
 from __future__ import annotations
@@ -74,6 +78,8 @@ class Actuator(ABC):
     """
 
     kind = "actuator"
+    stiffens_step = True
+    """Whether steps, too, take its geometric stiffness, as far as the weights are above 0."""
 
     def __init__(
         self,

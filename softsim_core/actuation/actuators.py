@@ -57,8 +57,10 @@ class ActuatorGroup(Protocol):
         """Bounds of the multipliers under their commands (c,), shapes (c,)."""
         ...
 
-    def geometric_stiffness(self, model: Model, state: State, multipliers: Array) -> GeometricStiffness:
-        """-d(H^T t)/dx at multipliers t (c,)."""
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+    ) -> GeometricStiffness:
+        """-d(H^T t)/dx at multipliers t (c,), or the part that a step takes, see Actuator.stiffens_step."""
         ...
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
@@ -94,12 +96,15 @@ class PlainGroup:
         table = np.array(pairs, dtype=float).reshape(-1, 2)
         return table[:, 0].copy(), table[:, 1].copy()
 
-    def geometric_stiffness(self, model: Model, state: State, multipliers: Array) -> GeometricStiffness:
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+    ) -> GeometricStiffness:
         """See ActuatorGroup."""
         return _joined_stiffness(
             [
                 each.geometric_stiffness(model, state, float(t))
                 for each, t in zip(self._actuators, multipliers, strict=True)
+                if each.stiffens_step or not in_step
             ]
         )
 
@@ -182,10 +187,15 @@ class Actuators:
         lower, upper = (np.concatenate([none, *(pair[side] for pair in pairs)]) for side in (0, 1))
         return lower, upper
 
-    def geometric_stiffness(self, model: Model, state: State, multipliers: Array) -> GeometricStiffness:
-        """-d(H^T t)/dx of all actuators at multipliers t (c,)."""
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+    ) -> GeometricStiffness:
+        """-d(H^T t)/dx of all actuators at multipliers t (c,); `in_step`: see ActuatorGroup."""
         return _joined_stiffness(
-            [group.geometric_stiffness(model, state, multipliers[rows]) for group, rows, _ in self.spans()]
+            [
+                group.geometric_stiffness(model, state, multipliers[rows], in_step)
+                for group, rows, _ in self.spans()
+            ]
         )
 
     def views(self, model: Model, state: State) -> tuple[ActuatorView, ...]:

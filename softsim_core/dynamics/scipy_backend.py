@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
+from softsim_core.dynamics.actuator_statics import rows_on_unknowns
 from softsim_core.dynamics.assembly import (
     Unknowns,
     held_matrix,
@@ -149,7 +150,7 @@ class ScipyStepper:
             state: See Stepper.
             control: See Stepper.
             parameters: See Stepper.
-            moved: See fem.assembly.cell_stiffness.
+            moved: See fem.assembly.cell_stiffness; with it, the matrix holds what taut actuators add, too.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
@@ -175,7 +176,17 @@ class ScipyStepper:
         rhs[at.joints] += h * at.drive * (control.targets - state.joint_positions - lag * velocity)
         diagonal = np.zeros(at.size)
         diagonal[at.joints] = [joint.inertia for joint in model.joints] + h * lag * at.drive
-        return (mapping.T @ full @ mapping + sp.diags(diagonal)).tocsc(), rhs, mapping
+        matrix = mapping.T @ full @ mapping + sp.diags(diagonal)
+        if moved is not None and len(self.actuators):
+            geometric = self.actuators.geometric_stiffness(
+                model, state, state.joint_efforts[self.actuators.joint], in_step=True
+            )
+            rows = rows_on_unknowns(model, at, state, geometric.rows)
+            weight = h * lag * np.maximum(geometric.weight, 0.0)
+            rates = rows.on_nodes @ straining.ravel() + rows.on_reduced @ state.reduced_velocities
+            rhs -= rows.on_unknowns.T @ (weight * rates)
+            matrix = matrix + rows.on_unknowns.T @ sp.diags(weight) @ rows.on_unknowns
+        return matrix.tocsc(), rhs, mapping
 
 
 class _Solved:

@@ -44,27 +44,28 @@ LENGTH = TONGUE + BLOCKS * PLATEAU + (2 * BLOCKS - 1) * SLANT + TIP_RADIUS
 WALL_KNEE = 0.4
 """Share of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
 
-LEVELS: dict[str, int] = {"low": 1, "mid": 2}
-"""Name of a level: elements through the spine."""
+LEVELS: dict[str, int] = {"coarse": 0, "low": 1, "mid": 2}
+"""Name of a level: elements through the spine; 0: as few as the profile allows, for quadratic elements."""
 
 
 def finger(divisions: int = 1, name: str = "finger") -> TetMesh:
     """The finger in its own frame, symmetric by reflection in the middle of its width.
 
     Args:
-        divisions: Elements through the spine, >= 1; twice as many across the width.
+        divisions: Elements through the spine, twice as many across the width; 0: one element through both,
+            two through the blocks.
         name: Name of the mesh.
 
     Returns:
         Positively oriented tetrahedra in [m].
 
     Raises:
-        MeshError: divisions is too small.
+        MeshError: divisions is negative.
     """
-    if divisions < 1:
-        raise MeshError(name, f"divisions = {divisions} must be >= 1")
+    if divisions < 0:
+        raise MeshError(name, f"divisions = {divisions} must be >= 0")
     plane, triangles = profile(divisions)
-    heights = WIDTH * np.arange(2 * divisions + 1) / (2 * divisions)
+    heights = np.linspace(0.0, WIDTH, max(1, 2 * divisions) + 1)
     solid, tets = extrude(plane, triangles, np.arange(len(plane)), heights)
     return TetMesh(np.ascontiguousarray(solid[:, [2, 0, 1]]), tets, name)
 
@@ -73,7 +74,7 @@ def profile(divisions: int) -> tuple[Array, IndexArray]:
     """Triangulated side view of the finger: along the finger (negative) and up.
 
     Args:
-        divisions: Elements through the spine, >= 1.
+        divisions: See `finger`.
 
     Returns:
         Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
@@ -81,7 +82,7 @@ def profile(divisions: int) -> tuple[Array, IndexArray]:
     points: list[tuple[float, float]] = []
     columns: list[list[int]] = []
     for along, top in _stations(divisions):
-        rows = max(1, round(divisions * top / SPINE))
+        rows = max(1, round(divisions * top / SPINE)) if divisions else min(2, round(top / SPINE))
         columns.append(list(range(len(points), len(points) + rows + 1)))
         points.extend((-along, top * row / rows) for row in range(rows + 1))
     plane = np.array(points)
@@ -101,6 +102,9 @@ def profile(divisions: int) -> tuple[Array, IndexArray]:
 
 def _stations(divisions: int) -> Iterator[tuple[float, float]]:
     """Distances from the base at which there is a column of points, with the height of the profile there."""
+    if divisions == 0:
+        yield from _corners()
+        return
     steps = [step / divisions for step in range(1, divisions + 1)]
     rise = [WALL_KNEE * step for step in steps] + [WALL_KNEE + (1.0 - WALL_KNEE) * step for step in steps]
     block = HEIGHT - SPINE
@@ -121,6 +125,20 @@ def _stations(divisions: int) -> Iterator[tuple[float, float]]:
             start += SLANT
     for share in (*steps, 2.0):  # one chord at the steep end keeps the elements there in shape
         angle = 0.25 * math.pi * share
+        yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
+
+
+def _corners() -> Iterator[tuple[float, float]]:
+    """The stations where the profile bends, and one on the round tip."""
+    yield 0.0, SPINE
+    start = TONGUE
+    for _ in range(BLOCKS):
+        yield start, SPINE
+        yield start + SLANT, HEIGHT
+        yield start + SLANT + PLATEAU, HEIGHT
+        start += 2.0 * SLANT + PLATEAU
+    start -= SLANT  # the last block ends in the round tip
+    for angle in (0.25 * math.pi, 0.5 * math.pi):
         yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
 
 

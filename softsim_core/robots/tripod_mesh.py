@@ -36,8 +36,11 @@ TIP_LINE = 45.01 * MILLIMETRE
 """Distance in [m] of a straight row of nodes across each arm: the tip zones of the robot begin at 45 mm, and
 a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
 
-LEVELS: dict[str, tuple[int, int]] = {"low": (2, 1), "mid": (3, 2), "high": (4, 3)}
-"""Name of a level: divisions of half an arm's width, layers through the thickness."""
+LEVELS: dict[str, tuple[int, int]] = {"coarse": (1, 1), "low": (2, 1), "mid": (3, 2), "high": (4, 3)}
+"""Name of a level: divisions of half an arm's width, layers through the thickness.
+
+"coarse" is for quadratic elements (`order: 2`); linear ones of that size hardly bend.
+"""
 
 _ROOT = ARM_HALF_WIDTH / math.sqrt(
     3.0
@@ -45,6 +48,7 @@ _ROOT = ARM_HALF_WIDTH / math.sqrt(
 _STRETCH = (
     1.1  # element length along the arm per distance of the lines; 2 / sqrt(3) makes equal-sided triangles
 )
+_COARSE_STRETCH = 0.5  # with one division: the arm bends along its length
 _GRADING = 0.7  # growth of the element size per distance from the hole
 
 
@@ -55,7 +59,7 @@ def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod sil
     round-off) and in connectivity (exactly).
 
     Args:
-        divisions: Elements across half an arm, >= 2; 6 times as many around the hole.
+        divisions: Elements across half an arm, >= 1; 6 times as many around the hole.
         layers: Elements through the thickness, >= 1.
         name: Name of the mesh.
 
@@ -65,8 +69,8 @@ def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod sil
     Raises:
         MeshError: divisions or layers is too small.
     """
-    if divisions < 2 or layers < 1:
-        raise MeshError(name, f"divisions = {divisions} must be >= 2 and layers = {layers} >= 1")
+    if divisions < 1 or layers < 1:
+        raise MeshError(name, f"divisions = {divisions} and layers = {layers} must be >= 1")
     half_points, half_triangles = half_arm(divisions)
     points, triangles, labels = _replicate(half_points, half_triangles)
     heights = THICKNESS * np.arange(layers + 1) / layers
@@ -103,7 +107,8 @@ def _line_points(line: int, divisions: int) -> list[tuple[float, float]]:
     start = (HOLE_RADIUS * math.cos(angle), HOLE_RADIUS * math.sin(angle))
     hub = math.dist(start, (_ROOT, y))
     length = hub + TIP_LINE - _ROOT
-    size, size_at_hole = _STRETCH * ARM_HALF_WIDTH / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
+    stretch = _COARSE_STRETCH if divisions == 1 else _STRETCH
+    size, size_at_hole = stretch * ARM_HALF_WIDTH / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
     growing = min(
         length, (size - size_at_hole) / _GRADING
     )  # distance over which the size grows from hole to arm

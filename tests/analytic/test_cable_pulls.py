@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cable_scenes import bent_bar, cable_joint
@@ -9,7 +11,9 @@ from cable_scenes import bent_bar, cable_joint
 from softsim_core import Simulation
 from softsim_core.dynamics import Backend
 from softsim_core.mechanics.limits import JointLimits
+from softsim_core.mesh import box_mesh
 from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.material import MaterialDescription
 
 FLOATING = (0.0, 0.0, 0.0)
 
@@ -38,6 +42,28 @@ def test_a_force_gives_the_shape_of_the_travel_that_has_this_tension() -> None:
     assert by_force.joint_efforts[0] == pytest.approx(tension, rel=1e-12)
     assert np.abs(by_force.positions - by_travel.positions).max() < 1e-6
     assert by_force.joint_positions[0] == pytest.approx(0.006, abs=1e-6)
+
+
+@pytest.mark.parametrize("law", ["stable_neo_hookean", "corotational"])
+@pytest.mark.parametrize(("damping", "dt"), [(0.0, 0.002), (0.02, 0.002), (0.02, 0.01)])
+def test_a_bar_pressed_together_by_its_cable_comes_to_rest(law: str, damping: float, dt: float) -> None:
+    """The cable's tension is above the load at which the bar alone would buckle, and damping takes energy."""
+    scene = bent_bar(dt=dt)
+    silicone = MaterialDescription(law=law, young_modulus=1e5, poisson_ratio=0.45)
+    bar = replace(
+        scene.bodies[0], mesh=box_mesh((0.1, 0.012, 0.012), (5, 1, 1), (0.0, -0.006, -0.006)), order=2,
+        material=silicone,
+    )  # fmt: skip
+    sim = Simulation(replace(scene, bodies=(bar,), solver=replace(scene.solver, rayleigh_stiffness=damping)))
+    rest = Simulation(sim.scene).settle([0.012]).state.positions
+    sim.command([0.012])
+    away = []
+    for _ in range(round(3.0 / dt)):
+        sim.step()
+        away.append(np.abs(sim.positions - rest).max())
+    assert sim.joint_efforts[0] > 0.1
+    sixth = len(away) // 6
+    assert max(away[-sixth:]) < (0.5 if damping else 0.8) * max(away[sixth : 2 * sixth])
 
 
 def test_a_tension_never_exceeds_its_limit() -> None:

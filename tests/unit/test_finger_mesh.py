@@ -23,7 +23,8 @@ from softsim_core.mesh import (
 from softsim_core.robots.finger_mesh import HEIGHT, LENGTH, LEVELS, SPINE, WIDTH, finger, main
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
-NODES = {"low": 192, "mid": 1055}
+NODES = {"coarse": 62, "low": 192, "mid": 1055}
+SHAPES = {"coarse": (0.33, 0.58), "low": (0.37, 0.67), "mid": (0.37, 0.67)}  # radius ratios: smallest, mean
 
 
 @pytest.fixture(scope="module", params=list(LEVELS))
@@ -40,8 +41,9 @@ def test_size_and_shape(level: str, mesh: TetMesh) -> None:
     report = check_tets(mesh)
     assert report.nodes == NODES[level]
     assert (report.inverted, report.slivers, report.duplicate_nodes, report.warnings) == (0, 0, 0, ())
-    assert report.min_radius_ratio > 0.37
-    assert report.mean_radius_ratio > 0.67
+    smallest, mean = SHAPES[level]
+    assert report.min_radius_ratio > smallest
+    assert report.mean_radius_ratio > mean
     assert pytest.approx(0.103366, abs=1e-6) == LENGTH
     np.testing.assert_allclose(mesh.points.min(axis=0), [0.0, -LENGTH, 0.0], atol=1e-12)
     np.testing.assert_allclose(mesh.points.max(axis=0), [WIDTH, 0.0, HEIGHT], atol=1e-12)
@@ -58,16 +60,18 @@ def test_boundary_is_closed(mesh: TetMesh) -> None:
     assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(check_tets(mesh).volume)
 
 
-def test_symmetric_in_nodes_and_connectivity(mesh: TetMesh) -> None:
+def test_symmetric_in_nodes_and_connectivity(level: str, mesh: TetMesh) -> None:
     moved = mesh.points * [-1.0, 1.0, 1.0] + [WIDTH, 0.0, 0.0]
     distances = np.linalg.norm(moved[:, None] - mesh.points[None], axis=2)
     partner = distances.argmin(axis=1)
     assert distances.min(axis=1).max() < 1e-15
+    if level == "coarse":
+        return  # one layer of prisms leans to one side
     elements = {frozenset(tet) for tet in mesh.tets.tolist()}
     assert {frozenset(tet) for tet in partner[mesh.tets].tolist()} == elements
 
 
-def test_notches_open_by_75_degrees(mesh: TetMesh) -> None:
+def test_notches_open_by_75_degrees(level: str, mesh: TetMesh) -> None:
     surface = boundary_surface(mesh)
     corners = surface.points[surface.triangles]
     on_walls = (np.ptp(corners[:, :, 2], axis=1) > 1e-9) & (corners[:, :, 2].min(axis=1) > SPINE - 1e-9)
@@ -79,7 +83,7 @@ def test_notches_open_by_75_degrees(mesh: TetMesh) -> None:
     flat = np.abs(normals[:, 0]) < 1e-9
     sine = np.sin(np.radians(37.5))
     np.testing.assert_allclose(normals[flat, 2], sine, rtol=1e-9)
-    assert flat.sum() >= 4 * 2 * 2 * 2
+    assert flat.sum() >= (8 if level == "coarse" else 32)
 
 
 def test_the_cable_lies_well_inside(mesh: TetMesh) -> None:
@@ -105,8 +109,8 @@ def test_committed_files_are_what_the_generator_writes(tmp_path: Path, level: st
 
 
 def test_refusals(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    with pytest.raises(MeshError, match="must be >= 1"):
-        finger(0)
+    with pytest.raises(MeshError, match="must be >= 0"):
+        finger(-1)
     (tmp_path / "file").write_text("x")
     with pytest.raises(SystemExit) as caught:
         main(["--out", str(tmp_path / "file")])

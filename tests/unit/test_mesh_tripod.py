@@ -26,9 +26,9 @@ from softsim_core.robots.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silic
 from softsim_core.values import Placement
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
-NODES = {"low": 246, "mid": 765, "high": 1536}
+NODES = {"coarse": 144, "low": 246, "mid": 765, "high": 1536}
 REFERENCE_NODES = {"low": 235, "mid": 781, "high": 1455}
-MEAN_RADIUS_RATIO = {"low": 0.71, "mid": 0.67, "high": 0.63}
+MEAN_RADIUS_RATIO = {"coarse": 0.53, "low": 0.71, "mid": 0.67, "high": 0.63}
 HALF_LENGTH = 0.055131397  # outermost corner: half the width beside the reach, turned by 60 degrees
 
 
@@ -45,10 +45,10 @@ def silicone(level: str) -> TetMesh:
 def test_size_and_shape(level: str, silicone: TetMesh) -> None:
     report = check_tets(silicone)
     assert report.nodes == NODES[level]
-    assert report.nodes == pytest.approx(REFERENCE_NODES[level], rel=0.06)
+    assert report.nodes == pytest.approx(REFERENCE_NODES.get(level, report.nodes), rel=0.06)
     assert (report.inverted, report.slivers, report.duplicate_nodes, report.warnings) == (0, 0, 0, ())
     assert report.min_dihedral_deg > 17.0
-    assert report.min_radius_ratio > 0.43
+    assert report.min_radius_ratio > (0.42 if level == "coarse" else 0.43)
     assert report.mean_radius_ratio > MEAN_RADIUS_RATIO[level]
     np.testing.assert_allclose(silicone.points.min(axis=0), [-0.055, -HALF_LENGTH, 0.0], atol=1e-9)
     np.testing.assert_allclose(silicone.points.max(axis=0), [0.040490381, HALF_LENGTH, 0.005], atol=1e-9)
@@ -59,7 +59,7 @@ def test_volume_is_exact_up_to_the_polygon_of_the_hole(level: str, silicone: Tet
     overlap = 3.0 * 0.030 * 0.055 - 2.0 * 3.0 * 0.5 * 0.015 * 0.015 / math.sqrt(3.0)
     hole = 0.5 * corners * 0.005**2 * math.sin(2.0 * math.pi / corners)
     assert check_tets(silicone).volume == pytest.approx(0.005 * (overlap - hole), rel=1e-12)
-    assert check_tets(silicone).volume == pytest.approx(22410e-9, rel=1e-3)
+    assert check_tets(silicone).volume == pytest.approx(22410e-9, rel=1e-3 if level != "coarse" else 3e-3)
 
 
 def test_boundary_is_closed_with_one_hole(silicone: TetMesh) -> None:
@@ -98,10 +98,12 @@ def test_zones_of_the_robot_are_equal_on_the_three_arms(level: str, silicone: Te
         margin = np.array(box["size"]) / 2.0 - np.abs(local - box["center"])
         counts.append(int((margin >= 0.0).all(axis=1).sum()))
         assert np.abs(margin).min() > 5e-6  # no node so near to a face that round-off decides
-    assert counts == [{"low": 24, "mid": 75, "high": 124}[level]] * 3
+    assert counts == [{"coarse": 16, "low": 24, "mid": 75, "high": 124}[level]] * 3
     sphere = attachments["centre"]["sphere"]
     distances = np.linalg.norm(body - sphere["center"], axis=1)
-    assert int((distances <= sphere["radius"]).sum()) == {"low": 30, "mid": 69, "high": 156}[level]
+    assert (
+        int((distances <= sphere["radius"]).sum()) == {"coarse": 12, "low": 30, "mid": 69, "high": 156}[level]
+    )
     assert np.abs(distances - sphere["radius"]).min() > 1e-5
 
 
@@ -136,13 +138,13 @@ def test_committed_surface_is_the_boundary_of_the_committed_mesh(level: str) -> 
     )
 
 
-@pytest.mark.parametrize(("divisions", "layers"), [(1, 1), (2, 0)])
+@pytest.mark.parametrize(("divisions", "layers"), [(0, 1), (2, 0)])
 def test_too_coarse_is_refused(divisions: int, layers: int) -> None:
-    with pytest.raises(MeshError, match="must be >= 2"):
+    with pytest.raises(MeshError, match="must be >= 1"):
         tripod_silicone(divisions, layers)
 
 
-@pytest.mark.parametrize("divisions", [2, 3, 4, 5, 6, 8])
+@pytest.mark.parametrize("divisions", [1, 2, 3, 4, 5, 6, 8])
 def test_every_size_is_well_shaped(divisions: int) -> None:
     report = check_tets(tripod_silicone(divisions, max(1, divisions - 1)))
     assert report.min_dihedral_deg > 10.0

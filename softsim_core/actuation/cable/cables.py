@@ -8,7 +8,9 @@ displacement with a tension >= 0 that is zero where it is slack.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +38,21 @@ class CableView(ActuatorView):
     def tension(self) -> float:
         """In [N]."""
         return self.multiplier
+
+
+class _Entries(NamedTuple):
+    """Some entries of rows: their row, place and coefficient, see Rows; shapes (k,), (k,), (k, 3)."""
+
+    row: IndexArray
+    place: IndexArray
+    coefficient: Array
+
+
+class _Turning(NamedTuple):
+    """The place of a joint and a stiffness about it."""
+
+    place: int
+    weight: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,62 +156,67 @@ class Cables:
             + motion_subspace.linear[k]
         )
 
-    def geometric_stiffness(self, model: Model, state: State, multipliers: Array) -> GeometricStiffness:
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+    ) -> GeometricStiffness:
         """Two rows across each segment under tension, and what turns pull points with their joints.
 
         A segment of length l under tension t resists turning with the stiffness t / l across itself. A pull
-        point p on a revolute joint of angle q adds -t H d2p/dq2 to the joint.
+        point p on a revolute joint of angle q adds -t H d2p/dq2 to the joint. Steps take all of it.
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
-        index: list[IndexArray] = []
-        coefficient: list[Array] = []
-        sizes: list[int] = []
-        weight: list[float] = []
-        moved = self._moved(model, state, points)
-        for c in range(len(self.names)):
-            if multipliers[c] == 0.0:
-                continue
-            for p in range(self.first[c], self.first[c + 1] - 1):
-                for across in _across(unit[p]):
-                    size = 0
-                    for point, sign in ((p + 1, 1.0), (p, -1.0)):
-                        places, motion = self._motion(model, point, sign * across, moved)
-                        index.append(places)
-                        coefficient.append(motion)
-                        size += len(places)
-                    sizes.append(size)
-                    weight.append(float(multipliers[c] / length[p]))
-            for place, turning in self._turning(model, state, points, c):
-                index.append(np.array([place]))
-                coefficient.append(np.array([[1.0, 0.0, 0.0]]))
-                sizes.append(1)
-                weight.append(float(multipliers[c] * turning))
-        rows = Rows(
-            np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes, dtype=np.int64)]),
-            np.concatenate([np.zeros(0, np.int64), *index]),
-            np.concatenate([np.zeros((0, 3)), *coefficient]),
+        tension = np.repeat(multipliers, np.diff(self.first))[:-1]  # of the segment behind each point
+        tension[self.first[1:-1] - 1] = 0.0  # between two cables
+        taut = np.flatnonzero(tension * length)
+        turning = self._turning(model, state, points, multipliers)
+        entries = list(self._across(model, state, points, taut, unit[taut]))
+        for r, (place, _) in enumerate(turning, start=2 * len(taut)):
+            entries.append(_Entries(np.array([r]), np.array([place]), np.array([[1.0, 0.0, 0.0]])))
+        row, places, coefficient = (np.concatenate(each) for each in zip(*entries, strict=True))
+        order = np.argsort(row, kind="stable")
+        start = np.searchsorted(row[order], np.arange(2 * len(taut) + len(turning) + 1))
+        stiffness = np.repeat(tension[taut] / length[taut], 2)
+        return GeometricStiffness(
+            Rows(start, places[order], coefficient[order]),
+            np.concatenate([stiffness, [each.weight for each in turning]]),
         )
-        return GeometricStiffness(rows, np.array(weight, dtype=float))
 
-    def _motion(self, model: Model, point: int, along: Array, moved: Array) -> tuple[IndexArray, Array]:
-        """How far a point goes `along` (3,) with what carries it: places (k,) and coefficients (k, 3)."""
-        if self.weights[point].any():
-            return self.nodes[point], self.weights[point][:, None] * along
-        own = np.flatnonzero(self.layout.lever_points == point)
-        coefficient = np.zeros((len(own), 3))
-        coefficient[:, 0] = moved[own] @ along
-        return len(model.rest) + self.layout.lever_unknowns[own], coefficient
+    def _across(
+        self, model: Model, state: State, points: Array, taut: IndexArray, unit: Array
+    ) -> Iterator[_Entries]:
+        """Entries of two rows across each of the segments `taut` (s,) of directions (s, 3)."""
+        across, both = _across(unit), 2 * np.arange(len(taut))[:, None] + np.arange(2)
+        for ahead, sign in ((1, 1.0), (0, -1.0)):  # where segments end, and where they begin
+            weights, nodes = self.weights[taut + ahead], self.nodes[taut + ahead]
+            s, k = np.nonzero(weights)
+            coefficient = sign * weights[s, k][:, None, None] * across[s]
+            yield _Entries(both[s].ravel(), np.repeat(nodes[s, k], 2), coefficient.reshape(-1, 3))
+        layout, moved = self.layout, self._moved(model, state, points)
+        for m in range(
+            len(layout.levers)
+        ):  # joints that carry pull points, which are the first of their cable
+            for segment in np.flatnonzero(taut == layout.lever_points[m]):
+                coefficient = np.zeros((2, 3))
+                coefficient[:, 0] = -across[segment] @ moved[m]
+                unknown = len(model.rest) + layout.lever_unknowns[m]
+                yield _Entries(both[segment], np.full(2, unknown), coefficient)
 
-    def _turning(self, model: Model, state: State, points: Array, c: int) -> list[tuple[int, float]]:
-        """Joints that turn the pull point of cable c, and -H d2p/dq2 per unit of tension."""
-        result, pulls, motion_subspace = [], self.pulls(points), model.motion_subspace(state)
+    def _turning(self, model: Model, state: State, points: Array, multipliers: Array) -> list[_Turning]:
+        """Joints that turn pull points, and -t H d2p/dq2."""
+        result: list[_Turning] = []
+        if not len(self.layout.levers):
+            return result
+        pulls, motion_subspace = self.pulls(points), model.motion_subspace(state)
         for unknown, point in zip(self.layout.lever_unknowns, self.layout.lever_points, strict=True):
             axis = motion_subspace.angular[unknown]
-            if self.first[c] <= point < self.first[c + 1] and axis.any():
+            if axis.any():
                 away = np.cross(axis, np.cross(axis, points[point] - motion_subspace.origin[unknown]))
-                result.append((len(model.rest) + int(unknown), -float(pulls[point] @ away)))
-        return [each for each in result if each[1] != 0.0]
+                tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
+                result.append(
+                    _Turning(len(model.rest) + int(unknown), -float(tension * (pulls[point] @ away)))
+                )
+        return [each for each in result if each.weight != 0.0]
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[CableView, ...]:
         """What one can see of each cable at tensions (c,) in [N]."""
@@ -235,10 +257,10 @@ class Cables:
         )
 
 
-def _across(unit: Array) -> tuple[Array, Array]:
-    """Two unit vectors across a unit vector, each (3,)."""
-    aside = np.zeros(3)
-    aside[int(np.argmin(np.abs(unit)))] = 1.0
+def _across(unit: Array) -> Array:
+    """Two unit vectors across each of the unit vectors (s, 3), shape (s, 2, 3)."""
+    aside = np.zeros_like(unit)
+    aside[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
     first = np.cross(unit, aside)
-    first /= np.linalg.norm(first)
-    return first, np.cross(unit, first)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(unit, first)], axis=1)

@@ -43,6 +43,7 @@ class Chamber(Actuator):
     """
 
     kind = "chamber"
+    stiffens_step = False  # a pressure stretches its walls, which makes them stiffer by itself
 
     def __init__(self, placed: Placed, surroundings: Surroundings) -> None:
         described: ChamberDescription = placed.description

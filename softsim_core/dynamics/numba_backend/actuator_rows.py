@@ -12,7 +12,14 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.numba_backend.bounded import bounded_forces
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.kinematics import joint_frame
-from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
+from softsim_core.dynamics.numba_backend.layout import (
+    ActuatorRows,
+    ActuatorStiffness,
+    Kinematics,
+    Motion,
+    Nodes,
+    Work,
+)
 from softsim_core.linalg.layout import Tree
 
 
@@ -60,6 +67,107 @@ def add_rows(
                     for q in range(nodes.size[z]):
                         work.factor.schur[nodes.reduced[z, q], column] += work.jacobian[z, q, i] * value
         rows.violation[c] = rows.value[c] + h * rate
+
+
+@kernel
+def add_stiffness(
+    stiffness: ActuatorStiffness, straining: Array, reduced_velocities: Array, nodes: Nodes, tree: Tree,
+    work: Work,
+) -> None:  # fmt: skip
+    """Add R^T diag(w) R to the matrix, and -R^T w R v to the right-hand side, v the velocities given."""
+    start, places, coefficient = stiffness.start, stiffness.place, stiffness.coefficient
+    panels, supernode, unknown = work.factor.panels, nodes.supernode, nodes.first_unknown
+    last = len(straining)
+    for r in range(len(stiffness.weight)):
+        weight, rate = stiffness.weight[r], 0.0
+        if weight <= 0.0:
+            continue
+        for e in range(start[r], start[r + 1]):
+            n = places[e]
+            if n >= last:
+                rate += coefficient[e, 0] * reduced_velocities[n - last]
+                continue
+            for i in range(3):
+                rate += coefficient[e, i] * straining[n, i]
+        for e in range(start[r], start[r + 1]):
+            n = places[e]
+            if n >= last or supernode[n] < 0:
+                _add_border(weight, rate, e, start[r], start[r + 1], stiffness, last, nodes, work)
+                continue
+            s = supernode[n]
+            width, columns = tree.width[s], tree.columns[s]
+            row = tree.panel[s] + (unknown[n] - tree.first_column[s]) * width
+            for i in range(3):
+                panels[row + i * width + tree.later[s] + tree.side[s] - 1] -= (
+                    weight * rate * coefficient[e, i]
+                )
+            for f in range(start[r], start[r + 1]):
+                m = places[f]
+                if m >= last or supernode[m] < 0:
+                    for p in range(_count(m, last, nodes)):
+                        k, value = _reduced(f, p, stiffness, last, nodes, work)
+                        for i in range(3):
+                            at = row + i * width + nodes.reduced_column[s, k]
+                            panels[at] += weight * coefficient[e, i] * value
+                    continue
+                if unknown[m] < unknown[n]:
+                    continue  # stands in the rows of the other
+                column = unknown[m] - tree.first_column[s]
+                if column >= columns:  # its place among the later ones
+                    low, high = tree.first_row[s], tree.first_row[s + 1]
+                    while low < high:
+                        middle = (low + high) // 2
+                        if tree.row_index[middle] < unknown[m]:
+                            low = middle + 1
+                        else:
+                            high = middle
+                    column = tree.later[s] + low - tree.first_row[s]
+                for i in range(3):
+                    for j in range(3):
+                        panels[row + i * width + column + j] += weight * coefficient[e, i] * coefficient[f, j]
+
+
+@kernel
+def _add_border(
+    weight: float, rate: float, e: int, begin: int, end: int, stiffness: ActuatorStiffness, last: int,
+    nodes: Nodes, work: Work,
+) -> None:  # fmt: skip
+    """What entry e adds for the reduced coordinates that it moves with, beside entries begin to end."""
+    schur, right = work.factor.schur, len(work.factor.schur)
+    for q in range(_count(stiffness.place[e], last, nodes)):
+        k, value = _reduced(e, q, stiffness, last, nodes, work)
+        schur[k, right] -= weight * rate * value
+        for f in range(begin, end):
+            place = stiffness.place[f]
+            if place < last and nodes.supernode[place] >= 0:
+                continue
+            for p in range(_count(place, last, nodes)):
+                m, other = _reduced(f, p, stiffness, last, nodes, work)
+                if m >= k:
+                    schur[k, m] += weight * value * other
+
+
+@kernel
+def _count(place: int, last: int, nodes: Nodes) -> int:
+    """How many reduced coordinates a place that is no free node moves with."""
+    if place >= last:
+        return 1
+    z = nodes.region_number[place]
+    return int(nodes.size[z]) if z >= 0 else 0
+
+
+@kernel
+def _reduced(
+    e: int, q: int, stiffness: ActuatorStiffness, last: int, nodes: Nodes, work: Work
+) -> tuple[int, float]:
+    """The q-th of them for entry e, and the entry's coefficient of it."""
+    place = stiffness.place[e]
+    if place >= last:
+        return place - last, stiffness.coefficient[e, 0]
+    z, total = nodes.region_number[place], 0.0
+    for i in range(3):
+        total += work.jacobian[z, q, i] * stiffness.coefficient[e, i]
+    return nodes.reduced[z, q], total
 
 
 @kernel

@@ -167,6 +167,20 @@ class ActuatorRows(NamedTuple):
     rotations: Array
 
 
+class ActuatorStiffness(NamedTuple):
+    """What taut actuators add to the matrix, R^T diag(w) R; see actuation.actuator.GeometricStiffness.
+
+    Attributes:
+        start, place, coefficient: R, see mechanics.rows.Rows.
+        weight: w, in the unit of the matrix; only those above 0 count.
+    """
+
+    start: IndexArray
+    place: IndexArray
+    coefficient: Array
+    weight: Array
+
+
 class Motion(NamedTuple):
     """The state's arrays, as the kernels change them; see mechanics.state.State."""
 

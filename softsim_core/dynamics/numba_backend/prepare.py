@@ -15,7 +15,8 @@ from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics,
 from softsim_core.linalg.layout import Tree, empty_factor, tree_of
 from softsim_core.linalg.simd import LANES, ROWS
 from softsim_core.linalg.symbolic import Plan, plan
-from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.state import MOVED
 
 
 class Prepared(NamedTuple):
@@ -44,7 +45,9 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     local[model.free_nodes] = np.arange(len(model.free_nodes))
     groups = deforming(model)
     edges, beside = couplings(model, groups, local)
-    beside = np.concatenate([beside, _pulled(model, rows, local)])
+    taut_edges, taut_beside = _stiffened(model, actuators, local)
+    edges = np.concatenate([edges, taut_edges])
+    beside = np.concatenate([beside, _pulled(model, rows, local), taut_beside])
     reduced_size = model.reduced_size + len(rows.joint)
     layout = plan(len(model.free_nodes), edges, beside, reduced_size, LANES, ROWS)
     nodes = _nodes(model, layout, reduced_size)
@@ -66,6 +69,25 @@ def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     on_node = rows.place < len(model.rest)
     pairs = np.stack([local[rows.place[on_node]], model.reduced_size + owner[on_node]], axis=1)
     return np.unique(pairs[pairs[:, 0] >= 0], axis=0)
+
+
+def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """What taut actuators couple in steps that take it: free nodes, and (free node, reduced coordinate)."""
+    edges, beside = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
+    rest = model.rest_state()
+    if MOVED in rest.extra and len(actuators):
+        ones = np.ones(len(actuators))
+        rows, _ = actuators.geometric_stiffness(model, rest, ones, in_step=True)
+        for r in range(rows.height):
+            places = rows.place[rows.start[r] : rows.start[r + 1]]
+            nodes = places[places < len(model.rest)]
+            regions = model.region_of_node[nodes]
+            free = np.unique(local[nodes[regions == FREE]])
+            reduced = [model.regions[region].reduced for region in np.unique(regions[regions >= 0])]
+            border = np.concatenate([places[places >= len(model.rest)] - len(model.rest), *reduced])
+            edges.append(np.stack(np.meshgrid(free, free), axis=-1).reshape(-1, 2))
+            beside.append(np.stack(np.meshgrid(free, border), axis=-1).reshape(-1, 2))
+    return np.concatenate(edges), np.concatenate(beside)
 
 
 def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:

@@ -14,7 +14,12 @@ from softsim_core.actuation.actuators import Actuators
 from softsim_core.actuation.compiled.kinds import CompiledKinds
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.free_turning import FreeTurning
-from softsim_core.dynamics.numba_backend.actuator_rows import add_rows, hold_rows, report_rows
+from softsim_core.dynamics.numba_backend.actuator_rows import (
+    add_rows,
+    add_stiffness,
+    hold_rows,
+    report_rows,
+)
 from softsim_core.dynamics.numba_backend.cells import assemble_cells
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.elements import CLAMPED, EXACT, FROZEN, assemble_nodes
@@ -26,7 +31,15 @@ from softsim_core.dynamics.numba_backend.kinematics import (
     place_regions,
     slides,
 )
-from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Cells, Kinematics, Motion, Nodes, Work
+from softsim_core.dynamics.numba_backend.layout import (
+    ActuatorRows,
+    ActuatorStiffness,
+    Cells,
+    Kinematics,
+    Motion,
+    Nodes,
+    Work,
+)
 from softsim_core.dynamics.numba_backend.prepare import prepare
 from softsim_core.dynamics.numba_backend.reduced import eliminate_reduced, solve_reduced
 from softsim_core.dynamics.numba_backend.responses import Responses, motion_of
@@ -39,15 +52,15 @@ from softsim_core.linalg.layout import Tree, clear
 from softsim_core.linalg.simd import steady_seconds
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.rows import Rows
+from softsim_core.mechanics.rows import Rows, no_rows
 from softsim_core.mechanics.state import MOVED, State
 
 
 @kernel
 def assemble(
     motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
-    kinematics: Kinematics, cells: Cells, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree,
-    work: Work,
+    kinematics: Kinematics, cells: Cells, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds,
+    stiffness: ActuatorStiffness, tree: Tree, work: Work,
 ) -> None:  # fmt: skip
     """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
     x, v = motion.positions, motion.velocities
@@ -60,6 +73,7 @@ def assemble(
     assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
     assemble_nodes(v, h, rayleigh_mass, nodes, work)
     add_rows(h, motion, kinematics, rows, kinds, nodes, tree, work)
+    add_stiffness(stiffness, straining, motion.reduced_velocities, nodes, tree, work)
 
 
 @kernel
@@ -123,7 +137,8 @@ def finish(
 def advance(
     motion: Motion, straining: Array, external: Array, targets: Array, base_shift: float, lower: Array,
     upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
-    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree, work: Work, corners: IndexArray,
+    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, stiffness: ActuatorStiffness, tree: Tree,
+    work: Work, corners: IndexArray,
 ) -> tuple[float, int, float, float, float]:  # fmt: skip
     """One whole step.
 
@@ -133,8 +148,9 @@ def advance(
     """
     started = steady_seconds()
     assemble(
-        motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds, tree, work
-    )
+        motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds, stiffness,
+        tree, work,
+    )  # fmt: skip
     assembled = steady_seconds()
     factor(tree, work.factor)
     factored = steady_seconds()
@@ -144,6 +160,8 @@ def advance(
     inverted = count_inverted(motion.positions, corners)
     return speed, inverted, assembled - started, factored - assembled, steady_seconds() - factored
 
+
+_NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
 
 STAGES = ("assemble", "factor", "solve")
 """Stages of a step."""
@@ -207,7 +225,8 @@ class NumbaStepper:
         speed, inverted, *seconds = self._advance(
             motion_of(state), straining, external, control.targets, control.base_shift, *bounds, model.dt,
             lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
-            data.rows, data.kinds, data.tree, data.work, self._corners,
+            data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
+            self._corners,
         )  # fmt: skip
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
@@ -215,6 +234,14 @@ class NumbaStepper:
         times = {stage: 1e3 * each for stage, each in zip(STAGES, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all that follows
         return StepReport(float(speed), times, inverted, bool(speed == speed))
+
+    def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
+        """What taut actuators add to the matrix, times `scale`: where cells take the stress they found."""
+        if moved is None or not len(self.actuators):
+            return _NO_STIFFNESS
+        multipliers = state.joint_efforts[self.actuators.joint]
+        rows, weight = self.actuators.geometric_stiffness(self.model, state, multipliers, in_step=True)
+        return ActuatorStiffness(*rows.checked(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
         """See Stepper."""
