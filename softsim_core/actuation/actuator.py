@@ -14,7 +14,8 @@ What a new kind has to say is `place`, `value` and `row`; everything else has a 
 with the body, `geometric_stiffness` has to be said, too: statics need it, and so do the steps of bodies whose
 law keeps its stress from step to step (rubber on quadratic cells). The stress under a taut cable takes
 stiffness from such a body, the cable gives it back; with the first alone in the matrix, damping that is
-proportional to it feeds the swinging instead.
+proportional to it feeds the swinging instead. Steps take the rows with weights above 0, or in place of rows
+the `surface_stiffness` of an actuator that presses on faces.
 """
 
 from __future__ import annotations
@@ -78,8 +79,8 @@ class Actuator(ABC):
     """
 
     kind = "actuator"
-    stiffens_step = True
-    """Whether steps, too, take its geometric stiffness, as far as the weights are above 0."""
+    surface: IndexArray | None = None
+    """Nodes of the faces that its multiplier presses on, shape (m, a); None: it presses on none."""
 
     def __init__(
         self,
@@ -111,6 +112,10 @@ class Actuator(ABC):
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
         """-d(H^T t)/dx at a multiplier t; needed where H turns with the body."""
         return no_geometric_stiffness()
+
+    def surface_stiffness(self, state: State, multiplier: float) -> Array:
+        """The geometric stiffness face by face and by pairs of nodes in [N/m], shape (m, a, a, 3, 3)."""
+        raise NotImplementedError(f"an actuator of kind {self.kind} with a surface has to say its stiffness")
 
     def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
         """What one can see of it."""

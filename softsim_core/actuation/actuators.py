@@ -60,7 +60,15 @@ class ActuatorGroup(Protocol):
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, in_step: bool = False
     ) -> GeometricStiffness:
-        """-d(H^T t)/dx at multipliers t (c,), or the part that a step takes, see Actuator.stiffens_step."""
+        """-d(H^T t)/dx at multipliers t (c,); `in_step`: less that of surfaces."""
+        ...
+
+    def surfaces(self) -> list[IndexArray]:
+        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        ...
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """Their geometric stiffness at multipliers t (c,) in [N/m], shapes (m, a, a, 3, 3)."""
         ...
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
@@ -104,9 +112,21 @@ class PlainGroup:
             [
                 each.geometric_stiffness(model, state, float(t))
                 for each, t in zip(self._actuators, multipliers, strict=True)
-                if each.stiffens_step or not in_step
+                if each.surface is None or not in_step
             ]
         )
+
+    def surfaces(self) -> list[IndexArray]:
+        """See ActuatorGroup."""
+        return [each.surface for each in self._actuators if each.surface is not None]
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """See ActuatorGroup."""
+        return [
+            each.surface_stiffness(state, float(t))
+            for each, t in zip(self._actuators, multipliers, strict=True)
+            if each.surface is not None
+        ]
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
         """See ActuatorGroup."""
@@ -197,6 +217,18 @@ class Actuators:
                 for group, rows, _ in self.spans()
             ]
         )
+
+    def surfaces(self) -> list[IndexArray]:
+        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        return [each for group in self.groups for each in group.surfaces()]
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """Their geometric stiffness at multipliers t (c,) in [N/m], shapes (m, a, a, 3, 3)."""
+        return [
+            each
+            for group, rows, _ in self.spans()
+            for each in group.surface_stiffness(state, multipliers[rows])
+        ]
 
     def views(self, model: Model, state: State) -> tuple[ActuatorView, ...]:
         """What one can see of each actuator, in joint order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 
@@ -23,7 +24,7 @@ from softsim_core.dynamics.assembly import (
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
-from softsim_core.fem.assembly import inverted_cells, von_mises_stress
+from softsim_core.fem.assembly import inverted_cells, matrix_of_blocks, von_mises_stress
 from softsim_core.linalg.bounded import solve_bounded
 from softsim_core.linalg.linear_solver import Factoriser, Factors, LinearSolver
 from softsim_core.linalg.solvers import linear_solver
@@ -67,7 +68,10 @@ class ScipyStepper:
         control.check(len(self.model.joints), len(self.model.rest))
         model, h, at = self.model, self.model.dt, self._unknowns
         before, moved = state.positions.copy(), state.extra.get(MOVED)
-        matrix, rhs, mapping = self.system(state, control, parameters, moved)
+        pressed = []
+        if moved is not None:
+            pressed = self.actuators.surface_stiffness(state, state.joint_efforts[self.actuators.joint])
+        matrix, rhs, mapping = self.system(state, control, parameters, moved, pressed)
         assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
         wanted = (targets - state.joint_positions)[at.prescribed] / h
@@ -76,9 +80,10 @@ class ScipyStepper:
         factors = None
         if len(at.solved):
             factors = self._matrices.factor(matrix[at.solved][:, at.solved])
-            if moved is not None and not factors.positive:
-                matrix, rhs, mapping = self.system(state, control, parameters)
-                factors = self._matrices.factor(matrix[at.solved][:, at.solved])
+            for stressed in (moved, None) if pressed else (None,):  # with less, until the matrix is positive
+                if moved is not None and not factors.positive:
+                    matrix, rhs, mapping = self.system(state, control, parameters, stressed)
+                    factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
         solved = _Solved(state, matrix, factors, mapping, self.actuators)
@@ -142,7 +147,12 @@ class ScipyStepper:
         return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
 
     def system(
-        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
+        self,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        moved: Array | None = None,
+        pressed: Sequence[Array] = (),
     ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
         """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
 
@@ -151,6 +161,7 @@ class ScipyStepper:
             control: See Stepper.
             parameters: See Stepper.
             moved: See fem.assembly.cell_stiffness; with it, the matrix holds what taut actuators add, too.
+            pressed: What actuators add on surfaces, see ActuatorGroup.surface_stiffness; none: left out.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
@@ -159,6 +170,8 @@ class ScipyStepper:
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
         stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved, mean_share=h / lag)
+        if pressed:
+            stiffness = stiffness + matrix_of_blocks(len(model.rest), self.actuators.surfaces(), pressed)
         force = static_forces(model, state, parameters, control.forces)
         held = held_matrix(model, state)
         if held is not None:

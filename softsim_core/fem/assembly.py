@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.material import VolumetricMaterial, von_mises
 from softsim_core.fem.materials.strain import StrainMaterial, without_pressing
@@ -209,15 +209,29 @@ def stiffness_matrix(
     mean_share: float = 1.0,
 ) -> sp.csr_matrix:
     """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n); arguments as above."""
-    size = 3 * len(positions)
+    cells = [group.cells for group in groups]
+    blocks = [
+        cell_stiffness(group, positions, group.values(materials), positive, distant, moved, mean_share)
+        for group in groups
+    ]
+    return matrix_of_blocks(len(positions), cells, blocks)
+
+
+def matrix_of_blocks(count: int, cells: Sequence[IndexArray], blocks: Sequence[Array]) -> sp.csr_matrix:
+    """Blocks of all pairs of nodes of cells, added up, sparse, shape (3 n, 3 n).
+
+    Args:
+        count: Number of nodes n.
+        cells: Nodes of the cells of several kinds, shapes (m, a).
+        blocks: Of these cells, shapes (m, a, a, 3, 3).
+    """
+    size = 3 * count
     rows, columns, values = [], [], []
-    for group in groups:
-        p = group.values(materials)
-        blocks = cell_stiffness(group, positions, p, positive, distant, moved, mean_share)
-        unknowns = 3 * group.cells[:, :, None] + np.arange(3)
-        rows.append(np.broadcast_to(unknowns[:, :, None, :, None], blocks.shape).ravel())
-        columns.append(np.broadcast_to(unknowns[:, None, :, None, :], blocks.shape).ravel())
-        values.append(blocks.ravel())
+    for nodes, of_pairs in zip(cells, blocks, strict=True):
+        unknowns = 3 * nodes[:, :, None] + np.arange(3)
+        rows.append(np.broadcast_to(unknowns[:, :, None, :, None], of_pairs.shape).ravel())
+        columns.append(np.broadcast_to(unknowns[:, None, :, None, :], of_pairs.shape).ravel())
+        values.append(of_pairs.ravel())
     if not values:
         return sp.csr_matrix((size, size))
     places = (np.concatenate(rows), np.concatenate(columns))

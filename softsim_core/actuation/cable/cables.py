@@ -162,7 +162,7 @@ class Cables:
         """Two rows across each segment under tension, and what turns pull points with their joints.
 
         A segment of length l under tension t resists turning with the stiffness t / l across itself. A pull
-        point p on a revolute joint of angle q adds -t H d2p/dq2 to the joint. Steps take all of it.
+        point p on a revolute joint of angle q adds -t H d2p/dq2 to the joint.
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
@@ -217,6 +217,14 @@ class Cables:
                     _Turning(len(model.rest) + int(unknown), -float(tension * (pulls[point] @ away)))
                 )
         return [each for each in result if each.weight != 0.0]
+
+    def surfaces(self) -> list[IndexArray]:
+        """See ActuatorGroup: none."""
+        return []
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """See ActuatorGroup: none."""
+        return []
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[CableView, ...]:
         """What one can see of each cable at tensions (c,) in [N]."""

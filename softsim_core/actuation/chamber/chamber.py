@@ -43,7 +43,6 @@ class Chamber(Actuator):
     """
 
     kind = "chamber"
-    stiffens_step = False  # a pressure stretches its walls, which makes them stiffer by itself
 
     def __init__(self, placed: Placed, surroundings: Surroundings) -> None:
         described: ChamberDescription = placed.description
@@ -57,6 +56,7 @@ class Chamber(Actuator):
             by_multiplier=described.control == "pressure",
         )
         self.faces: IndexArray = numbered.reshape(faces.shape)
+        self.surface = self.place[self.faces]
         self._limits = described.min_pressure, described.max_pressure
         self._shape = _QUADRATIC if faces.shape[1] == 6 else _LINEAR
         rest = surroundings.model.rest[self.place]
@@ -90,7 +90,8 @@ class Chamber(Actuator):
         """See Actuator: the eigenvectors of each face's part of -p d2V/dx2."""
         if multiplier == 0.0:
             return no_geometric_stiffness()
-        parts = -multiplier * self._second_derivatives(state.positions[self.place])
+        size = 3 * self.faces.shape[1]
+        parts = self.surface_stiffness(state, multiplier).swapaxes(2, 3).reshape(-1, size, size)
         weights, vectors = np.linalg.eigh(parts)
         chosen = np.abs(weights) > _WEAK * np.abs(weights).max()
         face, which = np.nonzero(chosen)
@@ -101,6 +102,12 @@ class Chamber(Actuator):
             weights[face, which],
         )
 
+    def surface_stiffness(self, state: State, multiplier: float) -> Array:
+        """See Actuator: -p d2V/dx2 of each face."""
+        corners = (state.positions[self.place] - self._middle)[self.faces]
+        twist = np.tensordot(corners, _TWIST[self.faces.shape[1]], axes=(1, 2)).transpose(0, 2, 3, 1)
+        return np.asarray(-multiplier * _crossed(twist))
+
     def _at_points(self, places: Array) -> tuple[Array, Array, Array]:
         """X from the middle, and its two slopes, at the points of all faces, each (k, q, 3)."""
         _, values, first, second = self._shape
@@ -110,17 +117,6 @@ class Chamber(Actuator):
     def _volume(self, places: Array) -> float:
         x, along, across = self._at_points(places)
         return float(np.einsum("q,kqi,kqi->", self._shape[0], x, np.cross(along, across)) / 3.0)
-
-    def _second_derivatives(self, places: Array) -> Array:
-        """D2V/dx2 of each face, shape (k, 3 a, 3 a)."""
-        weights, values, first, second = self._shape
-        x, along, across = (_crossed(each) for each in self._at_points(places))
-        count = self.faces.shape[1]
-        result = np.zeros((len(self.faces), count, 3, count, 3))
-        for one, two, by in ((values, first, -across), (values, second, along), (first, second, -x)):
-            half = np.einsum("q,qa,qb,kqij->kaibj", weights, one, two, by)
-            result += half + half.transpose(0, 3, 4, 1, 2)
-        return result.reshape(len(self.faces), 3 * count, -1) / 3.0
 
 
 def _hollow(name: str, described: ChamberDescription, surroundings: Surroundings) -> IndexArray:
@@ -177,5 +173,17 @@ def _quadratic() -> tuple[Array, Array, Array, Array]:
     return np.array(weights), np.stack(values, 1), np.stack(first, 1), np.stack(second, 1)
 
 
+def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
+    """The d2V/dx2 of two nodes a, b of a face is [v]x with v the sum of T_abc x_c: T, shape (a, a, a)."""
+
+    def lesser(one: Array, two: Array, by: Array) -> Array:
+        half = np.einsum("q,qa,qb,qc->abc", weights, one, two, by)
+        return np.asarray(half - half.swapaxes(0, 1))
+
+    turned = lesser(values, second, first) - lesser(values, first, second) - lesser(first, second, values)
+    return np.asarray(turned / 3.0)
+
+
 _LINEAR, _QUADRATIC = _linear(), _quadratic()
+_TWIST = {3: _twist(*_LINEAR), 6: _twist(*_QUADRATIC)}
 CHAMBER = plain_kind(ChamberDescription, Chamber)

@@ -54,6 +54,7 @@ class PlannedCells:
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
         panels: Of the factor.
+        surfaces: See PairedCells.
 
     Attributes:
         arrays: For the kernels.
@@ -68,6 +69,7 @@ class PlannedCells:
         local: IndexArray,
         layout: Plan,
         panels: Array,
+        surfaces: Sequence[IndexArray] = (),
     ) -> None:
         self._count = sum(len(group.cells) for group in model.filling)
         self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
@@ -79,7 +81,7 @@ class PlannedCells:
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
         self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout, panels)
+        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout, panels, surfaces)
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
         self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 

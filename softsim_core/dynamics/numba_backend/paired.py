@@ -1,4 +1,4 @@
-"""The cells whose stiffness is added pair by pair: rubber, layers, fibres by kernels, others from NumPy."""
+"""What is added pair by pair of nodes: rubber, layers, fibres by kernels; other cells, faces from NumPy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.batches import cell_batches, count_folded
 from softsim_core.dynamics.numba_backend.layout import Nodes
 from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
-from softsim_core.dynamics.numba_backend.scatter import add_all_blocks, cell_places, in_elimination_order
+from softsim_core.dynamics.numba_backend.scatter import (
+    add_all_blocks,
+    cell_places,
+    elimination_order,
+    in_elimination_order,
+)
 from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
 from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
@@ -32,6 +37,7 @@ class PairedCells:
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
         panels: Of the factor; `fill` adds to them.
+        surfaces: Nodes of faces that actuators press on, shapes (m, a).
 
     Attributes:
         pairs: What the kernels have to add of their blocks, see `scatter`.
@@ -45,6 +51,7 @@ class PairedCells:
         local: IndexArray,
         layout: Plan,
         panels: Array,
+        surfaces: Sequence[IndexArray] = (),
     ) -> None:
         self._groups = [
             in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
@@ -60,7 +67,10 @@ class PairedCells:
         for group in self._groups:
             k = kinds.index((group.element.name, group.material.name))
             self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
-        self._places, self.pairs = cell_places(self._groups, nodes, local, layout)
+        self._surfaces = [(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces]
+        cells = [group.cells for group in self._groups]
+        cells += [np.take_along_axis(faces[order], inside, axis=1) for faces, order, inside in self._surfaces]
+        self._places, self.pairs = cell_places(cells, nodes, local, layout)
         self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
         self._fill_strain = OneSignature(fill_strain)
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
@@ -86,6 +96,7 @@ class PairedCells:
         straining: Array | None = None,
         moved: Array | None = None,
         mean_share: float = 1.0,
+        pressed: Sequence[Array] = (),
     ) -> Array:
         """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
@@ -100,6 +111,7 @@ class PairedCells:
             straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
             moved: See fem.assembly.cell_stiffness.
             mean_share: See there.
+            pressed: Stiffness of the surfaces, see ActuatorGroup.surface_stiffness; none: it is left out.
         """
         x, kept = state.positions, self.pairs.blocks
         forces = np.zeros_like(x)
@@ -124,6 +136,11 @@ class PairedCells:
                 self._add(k, scale * stiffness)
             if straining is not None:
                 self._hold(k, state, scale, x + lag * velocities, forces)
+        for k, stiffness in enumerate(pressed):
+            faces, order, inside = self._surfaces[k]
+            np.add.at(forces, faces, -lag * np.einsum("mabij,mbj->mai", stiffness, velocities[faces]))
+            ordered = stiffness[order[:, None, None], inside[:, :, None], inside[:, None, :]]
+            self._add(len(self._groups) + k, scale * ordered)
         return forces
 
     def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
@@ -138,7 +155,7 @@ class PairedCells:
         self._add(k, scale * stiffness[..., None, None] * np.eye(3))
 
     def _add(self, k: int, stiffness: Array) -> None:
-        """Add blocks (m, a, a, 3, 3) of all pairs of nodes of a group to the matrix."""
+        """Add blocks (m, a, a, 3, 3) of all pairs of nodes of a group, or of a surface, to the matrix."""
         first, second = np.triu_indices(stiffness.shape[1])
         blocks = np.zeros((len(stiffness), len(first), 3, 4))
         blocks[..., :3] = stiffness[:, first, second]

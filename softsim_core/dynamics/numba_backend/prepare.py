@@ -45,6 +45,7 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     local[model.free_nodes] = np.arange(len(model.free_nodes))
     groups = deforming(model)
     edges, beside = couplings(model, groups, local)
+    surfaces = actuators.surfaces() if MOVED in model.rest_state().extra else []
     taut_edges, taut_beside = _stiffened(model, actuators, local)
     edges = np.concatenate([edges, taut_edges])
     beside = np.concatenate([beside, _pulled(model, rows, local), taut_beside])
@@ -53,7 +54,7 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     nodes = _nodes(model, layout, reduced_size)
     work = _work(model, layout, reduced_size)
     return Prepared(
-        PlannedCells(model, groups, nodes, local, layout, work.factor.panels),
+        PlannedCells(model, groups, nodes, local, layout, work.factor.panels, surfaces),
         nodes,
         _kinematics(model),
         rows,

@@ -112,12 +112,8 @@ def node_pairs(cells: IndexArray) -> IndexArray:
 
 def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
     """The group with its cells, and the nodes of each, as they are eliminated; see CellPlaces."""
-    count = len(layout.position)
-    places = np.append(layout.position, count)[local]  # local is -1 where a node is not free
-    rank = (places + ((local < 0) & (nodes.region_number < 0)))[group.cells]
-    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
-    group, rank = group.part(order), rank[order]
-    inside = np.argsort(rank, axis=1, kind="stable")
+    order, inside = elimination_order(group.cells, nodes, local, layout)
+    group = group.part(order)
     return replace(
         group,
         cells=np.take_along_axis(group.cells, inside, axis=1),
@@ -125,20 +121,31 @@ def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, l
     )
 
 
+def elimination_order(
+    cells: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[IndexArray, IndexArray]:
+    """The order (m,) of cells (m, a) as they are eliminated, and then that of the nodes of each, (m, a)."""
+    count = len(layout.position)
+    places = np.append(layout.position, count)[local]  # local is -1 where a node is not free
+    rank = (places + ((local < 0) & (nodes.region_number < 0)))[cells]
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    return order, np.argsort(rank[order], axis=1, kind="stable")
+
+
 def cell_places(
-    groups: Sequence[ElementGroup], nodes: Nodes, local: IndexArray, layout: Plan
+    kinds: Sequence[IndexArray], nodes: Nodes, local: IndexArray, layout: Plan
 ) -> tuple[list[CellPlaces], Pairs]:
-    """Places of the blocks of groups in elimination order, and room for those that are kept."""
+    """Places of the blocks of kinds of cells (m, a) in elimination order, and room for the kept ones."""
     result, beside, regions = [], [np.zeros((0, 5), np.int64)], [np.zeros((0, 3), np.int64)]
     height = 0
-    for group in groups:
-        first, second = np.triu_indices(group.cells.shape[1])
-        free, region = local[group.cells], nodes.region_number[group.cells]
+    for cells in kinds:
+        first, second = np.triu_indices(cells.shape[1])
+        free, region = local[cells], nodes.region_number[cells]
         supernode = np.where(free >= 0, np.append(layout.supernode, 0)[free], 0)
         offset, width = np.append(layout.row_offset, 0)[free], np.append(layout.width, 0)[supernode]
         both = np.nonzero((free[:, first] >= 0) & (free[:, second] >= 0))
         one, other = (both[0], first[both[1]]), (both[0], second[both[1]])
-        starts = np.full((len(group.cells), len(first)), -1, np.int64)
+        starts = np.full((len(cells), len(first)), -1, np.int64)
         starts[both] = offset[one] + layout.panel_columns(supernode[one], 3 * layout.position[free[other]])
         touching = (region >= 0).any(axis=1)
         kept = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)

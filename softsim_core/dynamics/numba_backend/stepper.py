@@ -6,6 +6,7 @@ It computes what scipy_step computes, to rounding.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -195,7 +196,11 @@ class NumbaStepper:
             return self._step(state, control, parameters)
         before = self._start
         before.copy_from(state)
-        report = self._step(state, control, parameters, moved)
+        pressed = self.actuators.surface_stiffness(state, state.joint_efforts[self.actuators.joint])
+        report = self._step(state, control, parameters, moved, pressed)
+        if not report.positive and pressed:
+            state.copy_from(before)
+            report = self._step(state, control, parameters, moved)
         if not report.positive:
             state.copy_from(before)
             report = self._step(state, control, parameters)
@@ -203,9 +208,14 @@ class NumbaStepper:
         return report
 
     def _step(
-        self, state: State, control: Control, parameters: Parameters, moved: Array | None = None
+        self,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        moved: Array | None = None,
+        pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """One step; `moved`: see fem.assembly.cell_stiffness."""
+        """One step; `moved`: see fem.assembly.cell_stiffness, `pressed`: see PairedCells.fill."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
@@ -216,7 +226,15 @@ class NumbaStepper:
         clear(data.work.factor)
         if data.cells.paired:
             external += data.cells.paired.fill(
-                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
+                state,
+                parameters.materials,
+                True,
+                model.dt * lag,
+                lag,
+                straining,
+                moved,
+                model.dt / lag,
+                pressed,
             )
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
