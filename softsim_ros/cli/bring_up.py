@@ -140,10 +140,9 @@ def run_bring_up(
 
 
 def _drive(robot: RobotDescription, namespace: str, notice: str) -> bool:
-    """Run the teleop here, with a first sentence; False where this terminal cannot be used."""
+    """Run the teleop here, with a line that stays; False where this terminal cannot be used."""
     teleop = Teleop(robot, namespace=namespace)
-    if notice:
-        teleop.set_status(notice)
+    teleop.notice = notice
     try:
         drive(teleop)
     except NoTerminalError as error:

@@ -50,6 +50,7 @@ class View:
         message: Newest sentence for the person.
         now: Steady clock in [s].
         namespace: Of the robot's topics.
+        notice: What stays in view, such as the page's address; empty: nothing.
     """
 
     robot: RobotDescription
@@ -58,6 +59,7 @@ class View:
     message: str
     now: float
     namespace: str
+    notice: str = ""
 
 
 def render(view: View, width: int, height: int) -> list[str]:
@@ -69,6 +71,7 @@ def render(view: View, width: int, height: int) -> list[str]:
     joints = joint_rows(view, width)
     sections = [  # importance (0 stays longest), lines; in the order they are shown
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
+        (5, _wrap(view.notice, width) if view.notice else []),
         (1, status_lines(view, width)),
         (1, _wrap(_goal_line(view), width) if view.state.inverse else []),
         (7, _pulse_lines(view)),

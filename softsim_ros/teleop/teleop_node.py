@@ -36,11 +36,12 @@ class Teleop(ClosableNode):
     Attributes:
         client: The robot.
         keyboard: What its keys do.
+        notice: What the display shows all the time, such as the page's address.
     """
 
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
         super().__init__("teleop", **{"namespace": robot.name, **node_options})
-        self._message = unknown_keys(robot) or ""
+        self._message, self.notice = unknown_keys(robot) or "", ""
         self.client = RobotClient(self, robot, self.set_status)
         self.keyboard = Keyboard(self, self.client, self.set_status)
         self._warnings = Warnings(self, self.set_status)
@@ -61,7 +62,8 @@ class Teleop(ClosableNode):
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
         client = self.client
-        return View(client.robot, client.state, self.keyboard.state, self._message, now, self.get_namespace())
+        keys, namespace = self.keyboard.state, self.get_namespace()
+        return View(client.robot, client.state, keys, self._message, now, namespace, self.notice)
 
 
 def drive(node: Teleop) -> None:

@@ -35,8 +35,9 @@ def shown(
     *,
     keys: KeyState = KEYS,
     message: str = MESSAGE,
+    notice: str = "",
 ) -> list[str]:
-    return render(View(TRIPOD, state, keys, message, now, "/tripod"), *size)
+    return render(View(TRIPOD, state, keys, message, now, "/tripod", notice), *size)
 
 
 def test_a_usual_terminal_shows_everything() -> None:
@@ -129,6 +130,13 @@ def test_help_can_be_hidden() -> None:
     lines = shown(keys=replace(KEYS, show_help=False))
     assert "? shows the keys" in lines
     assert not any("start pose" in line for line in lines)
+
+
+def test_the_address_of_the_page_stays_beside_newer_sentences() -> None:
+    address = "open http://127.0.0.1:8080/?token=GvPy0jZkqVd in a browser"
+    assert address in shown(notice=address)
+    assert f"> {MESSAGE}" in shown(notice=address)
+    assert address not in shown(size=(80, 8), notice=address)
 
 
 def test_a_long_message_is_wrapped() -> None:
