@@ -58,9 +58,9 @@ class ActuatorGroup(Protocol):
         ...
 
     def geometric_stiffness(
-        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """-d(H^T t)/dx at multipliers t (c,); `in_step`: less that of surfaces."""
+        """-d(H^T t)/dx at multipliers t (c,); `without_surfaces`: less that of `surfaces`."""
         ...
 
     def surfaces(self) -> list[IndexArray]:
@@ -105,14 +105,14 @@ class PlainGroup:
         return table[:, 0].copy(), table[:, 1].copy()
 
     def geometric_stiffness(
-        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
         """See ActuatorGroup."""
         return _joined_stiffness(
             [
                 each.geometric_stiffness(model, state, float(t))
                 for each, t in zip(self._actuators, multipliers, strict=True)
-                if each.surface is None or not in_step
+                if each.surface is None or not without_surfaces
             ]
         )
 
@@ -208,12 +208,12 @@ class Actuators:
         return lower, upper
 
     def geometric_stiffness(
-        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """-d(H^T t)/dx of all actuators at multipliers t (c,); `in_step`: see ActuatorGroup."""
+        """-d(H^T t)/dx of all actuators at multipliers t (c,); `without_surfaces`: see ActuatorGroup."""
         return _joined_stiffness(
             [
-                group.geometric_stiffness(model, state, multipliers[rows], in_step)
+                group.geometric_stiffness(model, state, multipliers[rows], without_surfaces)
                 for group, rows, _ in self.spans()
             ]
         )

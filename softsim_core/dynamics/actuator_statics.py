@@ -93,11 +93,17 @@ def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, fo
             "their `control` in the scene"
         )
     multipliers = state.joint_efforts[actuators.joint]
-    rows, geometric = actuators.rows(model, state), actuators.geometric_stiffness(model, state, multipliers)
+    rows = actuators.rows(model, state)
     spread, _ = sparse_rows(rows, len(model.rest), model.reduced_size)
     loads = forces + (spread.T @ multipliers).reshape(-1, 3)
+    pressed = actuators.surface_stiffness(state, multipliers)
+    tangent = stepper.static_tangent(state, parameters, loads, pressed)
+    within = bool(pressed) and tangent.positive  # else, as past the maximum of a balloon, they come as rows
+    if pressed and not within:
+        tangent = stepper.static_tangent(state, parameters, loads)
+    geometric = actuators.geometric_stiffness(model, state, multipliers, without_surfaces=within)
     every = joined([_less_command(model, actuators, rows), geometric.rows])
-    stiffness, arriving, compliance = stepper.static_tangent(state, parameters, loads).condensed(every)
+    stiffness, arriving, compliance = tangent.condensed(every)
     compliance[range(every.height), range(every.height)] += np.append(
         actuators.compliance, 1.0 / geometric.weight
     )

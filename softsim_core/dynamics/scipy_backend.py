@@ -142,9 +142,15 @@ class ScipyStepper:
         """See Stepper."""
         return von_mises_stress(self.model.groups, state.positions, parameters.materials)
 
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> ScipyStaticTangent:
+    def static_tangent(
+        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
+    ) -> ScipyStaticTangent:
         """See Stepper."""
-        return ScipyStaticTangent(self.model, self._unknowns, state, parameters, forces, self._tangents)
+        stiffness = node_stiffness(self.model, state, parameters)
+        if pressed:
+            stiffness = stiffness + matrix_of_blocks(len(self.model.rest), self.actuators.surfaces(), pressed)
+        loads = static_forces(self.model, state, parameters, forces)
+        return ScipyStaticTangent(self.model, self._unknowns, state, loads, stiffness, self._tangents)
 
     def system(
         self,
@@ -192,7 +198,7 @@ class ScipyStepper:
         matrix = mapping.T @ full @ mapping + sp.diags(diagonal)
         if moved is not None and len(self.actuators):
             geometric = self.actuators.geometric_stiffness(
-                model, state, state.joint_efforts[self.actuators.joint], in_step=True
+                model, state, state.joint_efforts[self.actuators.joint], without_surfaces=True
             )
             rows = rows_on_unknowns(model, at, state, geometric.rows)
             weight = h * lag * np.maximum(geometric.weight, 0.0)
@@ -289,7 +295,7 @@ class ScipyStaticTangent:
 
     Args:
         model, at: What moves, and its unknowns.
-        state, parameters, forces: See Stepper.static_tangent.
+        state, loads, stiffness: See assembly.static_tangent.
         matrices: What factors the free nodes' part.
     """
 
@@ -298,14 +304,12 @@ class ScipyStaticTangent:
         model: Model,
         at: Unknowns,
         state: State,
-        parameters: Parameters,
-        forces: Array,
+        loads: Array,
+        stiffness: sp.csr_matrix,
         matrices: Factoriser,
     ) -> None:
         self._model, self._at = model, at
         self._mapping = jacobian(model, at, state)
-        loads = static_forces(model, state, parameters, forces)
-        stiffness = node_stiffness(model, state, parameters)
         tangent = static_tangent(model, at, state, loads, stiffness).tocsc()
         free, reduced = slice(0, at.first_reduced), slice(at.first_reduced, at.size)
         self._stiffness = tangent[reduced, reduced].toarray()

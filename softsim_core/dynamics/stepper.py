@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from softsim_core.actuation.actuators import Actuators
@@ -62,8 +63,12 @@ class Stepper(Protocol):
         """
         ...
 
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+    def static_tangent(
+        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
+    ) -> StaticTangent:
         """The exact static tangent at `state` under node forces (n, 3) in [N] beside weight and elasticity.
+
+        `pressed` is the stiffness of the actuators' surfaces, see ActuatorGroup; without it, it is left out.
 
         The compiled implementation takes that of the law `polar` for `qr`, too, as an approximation; and
         for a state on its way that is not stable, the tangent with negative eigenvalues of elements taken
@@ -95,9 +100,11 @@ class StepperAround:
         """See Stepper; that of the inner one."""
         return self._inner.free_motion(state, control, parameters)
 
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> StaticTangent:
+    def static_tangent(
+        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
+    ) -> StaticTangent:
         """See Stepper; that of the inner one."""
-        return self._inner.static_tangent(state, parameters, forces)
+        return self._inner.static_tangent(state, parameters, forces, pressed)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """See Stepper; that of the inner one."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -39,12 +39,9 @@ def ball_on_plate(message: PoseArray) -> np.ndarray:
     return rotation.T @ (position(ball) - position(plate))
 
 
-def test_the_ball_reaches_the_goal(
-    start_robot: Callable[..., Any],
-    start_process: Callable[..., Any],
-    client: Any,
-    spin_until: Callable[..., bool],
-) -> None:
+@pytest.fixture
+def maze(start_robot: Callable[..., Any], start_process: Callable[..., Any]) -> Iterator[tuple[Any, Any]]:
+    """The robot and its path follower; a second try finds none of the first one's processes."""
     robot = start_robot(robot="tripod_maze", publish_clock=True)
     inverse = start_process("softsim_ros.inverse.inverse_node", "--ros-args", "-p", "robot:=tripod_maze")
     assert inverse.says("ready to control", 180.0), inverse.output
@@ -54,6 +51,15 @@ def test_the_ball_reaches_the_goal(
         *("-p", "use_sim_time:=true"),  # a slow machine plays the plan as slowly as it simulates
     )
     assert follower.says("call path_follower/start"), follower.output
+    yield robot, follower
+    for process in (follower, inverse, robot.process):
+        assert process.end() == 0, process.output
+
+
+def test_the_ball_reaches_the_goal(
+    maze: tuple[Any, Any], client: Any, spin_until: Callable[..., bool]
+) -> None:
+    robot, follower = maze
     states = client.collect(JointState, "joint_states", 1)
     bodies = client.collect(PoseArray, "bodies/poses")
     progress = client.collect(Float64, "path_follower/progress")

@@ -157,7 +157,7 @@ class Cables:
         )
 
     def geometric_stiffness(
-        self, model: Model, state: State, multipliers: Array, in_step: bool = False
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
         """Two rows across each segment under tension, and what turns pull points with their joints.
 

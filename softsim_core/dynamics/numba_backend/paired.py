@@ -76,7 +76,7 @@ class PairedCells:
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def __bool__(self) -> bool:
-        return bool(self._groups)
+        return bool(self._groups or self._surfaces)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""

@@ -45,7 +45,6 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     local[model.free_nodes] = np.arange(len(model.free_nodes))
     groups = deforming(model)
     edges, beside = couplings(model, groups, local)
-    surfaces = actuators.surfaces() if MOVED in model.rest_state().extra else []
     taut_edges, taut_beside = _stiffened(model, actuators, local)
     edges = np.concatenate([edges, taut_edges])
     beside = np.concatenate([beside, _pulled(model, rows, local), taut_beside])
@@ -54,7 +53,7 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     nodes = _nodes(model, layout, reduced_size)
     work = _work(model, layout, reduced_size)
     return Prepared(
-        PlannedCells(model, groups, nodes, local, layout, work.factor.panels, surfaces),
+        PlannedCells(model, groups, nodes, local, layout, work.factor.panels, actuators.surfaces()),
         nodes,
         _kinematics(model),
         rows,
@@ -78,7 +77,7 @@ def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[I
     rest = model.rest_state()
     if MOVED in rest.extra and len(actuators):
         ones = np.ones(len(actuators))
-        rows, _ = actuators.geometric_stiffness(model, rest, ones, in_step=True)
+        rows, _ = actuators.geometric_stiffness(model, rest, ones, without_surfaces=True)
         for r in range(rows.height):
             places = rows.place[rows.start[r] : rows.start[r + 1]]
             nodes = places[places < len(model.rest)]

@@ -258,7 +258,9 @@ class NumbaStepper:
         if moved is None or not len(self.actuators):
             return _NO_STIFFNESS
         multipliers = state.joint_efforts[self.actuators.joint]
-        rows, weight = self.actuators.geometric_stiffness(self.model, state, multipliers, in_step=True)
+        rows, weight = self.actuators.geometric_stiffness(
+            self.model, state, multipliers, without_surfaces=True
+        )
         return ActuatorStiffness(*rows.checked(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
@@ -273,24 +275,35 @@ class NumbaStepper:
         data = self._prepared
         return data.cells.von_mises(state, parameters.materials, data.work)
 
-    def static_tangent(self, state: State, parameters: Parameters, forces: Array) -> NumbaStaticTangent:
+    def static_tangent(
+        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
+    ) -> NumbaStaticTangent:
         """See Stepper."""
         model = self.model
         self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
         motion, loads = motion_of(state), forces + self._weight
         if self._soft:
             loads -= model.spring[:, None] * (state.positions - model.rest)
-        positive = self._factor_tangent(state, parameters, loads, EXACT)
+        positive = self._factor_tangent(state, parameters, loads, EXACT, pressed)
         if not positive:  # no Cholesky factor: on its way, the state is not stable
             self._factor_tangent(state, parameters, loads, CLAMPED)
         return NumbaStaticTangent(self._responses, motion, positive)
 
-    def _factor_tangent(self, state: State, parameters: Parameters, loads: Array, tangent: int) -> bool:
+    def _factor_tangent(
+        self,
+        state: State,
+        parameters: Parameters,
+        loads: Array,
+        tangent: int,
+        pressed: Sequence[Array] = (),
+    ) -> bool:
         """Factor the static tangent in the panels; returns whether it is positive on the free nodes."""
         data = self._prepared
         clear(data.work.factor)
         if data.cells.paired:
-            loads = loads + data.cells.paired.fill(state, parameters.materials, tangent == CLAMPED)
+            loads = loads + data.cells.paired.fill(
+                state, parameters.materials, tangent == CLAMPED, pressed=pressed
+            )
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
