@@ -20,6 +20,7 @@ from softsim_core import load_scene
 from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
 from softsim_core.scene.view import ViewSettings
+from softsim_ros.simulator.tuning import tunables as physical
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.collision_view import CollisionView
@@ -350,3 +351,31 @@ def test_a_chamber_stands_at_its_pressure_between_its_limits() -> None:
     assert "+7000.0000 Pa" in told
     assert "-2.0 kPa" in told
     assert joint_range(air) == (-2000.0, 10000.0, 10.0)
+
+
+@pytest.mark.parametrize("scene", ["tripod", "pneu_finger", "pneu_arm", "cable_gripper"])
+def test_every_parameter_of_the_physics_has_a_slider(scene: str) -> None:
+    robot = load_scene(scene)
+    sliders = {each.name: each for each in tunables(robot)}
+    parameters = physical(robot)
+    assert parameters.keys() == sliders.keys() - {"speed", "enforce_limits"}
+    for name, parameter in parameters.items():
+        slider = sliders[name]
+        assert slider.si(slider.shown(parameter.value)) == pytest.approx(parameter.value)
+        low, high = parameter.about.within
+        assert low <= slider.si(slider.lower) < slider.si(slider.upper) <= high
+
+
+def test_layers_and_fibres_are_labelled_by_their_own_names() -> None:
+    finger = load_scene("pneu_finger")
+    labels = {each.name: each.label for each in tunables(finger)}
+    assert labels["c1"] == "C1 of finger [kPa]"
+    assert labels["stiffness_factor"] == "Factor on the stiffness of finger"
+    assert labels["paper.young_modulus"] == "Young modulus of paper [MPa]"
+    assert labels["paper.poisson_ratio"] == "Poisson ratio of paper"
+    assert labels["thread.stiffness"] == "Stiffness in tension of thread [kPa]"
+    (body,) = finger.scene.bodies
+    both = finger.with_scene(bodies=(body, dataclasses.replace(body, name="thumb")))
+    paper = next(each for each in tunables(both) if each.name == "thumb.paper.young_modulus")
+    assert paper.label == "Young modulus of thumb.paper [MPa]"
+    assert (paper.lower, paper.start, paper.upper, paper.si(500.0)) == (100.0, 1000.0, 4000.0, 500.0e6)
