@@ -1,4 +1,4 @@
-"""The pneumatic finger's page: what is in its body is tuned there."""
+"""The pneumatic finger's page: what is in its body is tuned there, and its air is told in ml."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
+from sensor_msgs.msg import JointState
 
 from softsim_core import load_scene
 
@@ -57,4 +58,20 @@ def test_layers_and_fibres_are_tuned_on_the_page(
     page.tab("Tune")
     page.set_number(label, shown)
     assert spin_until(lambda: robot.get_parameter(parameter) == pytest.approx(value)), robot.process.output
+    assert page.errors == []
+
+
+def test_the_air_is_commanded_in_ml(
+    station: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
+) -> None:
+    robot, _ = station
+    states = robot.client.collect(JointState, "joint_states", 5)
+    assert spin_until(lambda: states)
+    page.tab("Drive")
+    page.set_number("air [ml]", 0.8)
+    assert spin_until(lambda: states[-1].position[0] == pytest.approx(8.0e-7, abs=1e-9))
+    page.page.get_by_text("8e-07 m^3 (0.8 ml)").wait_for(state="visible")
+    page.tab("Plots")
+    for title in ("Joint positions [ml]", "Efforts [Pa]"):
+        page.page.get_by_text(title).wait_for(state="visible")
     assert page.errors == []
