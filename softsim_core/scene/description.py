@@ -358,6 +358,13 @@ class SceneDescription:
             *(each.law for body in self.bodies for each in body.reinforcements),
         )
 
+    def parameter_prefix(self, owner: str) -> str:
+        """What stands before the names of parameters of an owner in `materials`, where all have names."""
+        if len(self.bodies) > 1:
+            return f"{owner}."
+        only = self.bodies[0].name if self.bodies else ""
+        return "" if owner == only else f"{owner.removeprefix(f'{only}.')}."
+
     def _check_references(self) -> None:
         bodies, joints = [body.name for body in self.bodies], self.joint_names
         frames = [joint.name for joint in self.joints if joint.moves_frame]

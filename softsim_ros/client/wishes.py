@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -168,5 +169,6 @@ def format_command(joint: JointDescription, command: float) -> str:
 
 
 def _told(value: float, unit: Unit) -> str:
+    value = round(value, 3 - round(math.log10(unit.step))) + 0.0  # no traces of rounding, no -0
     digits = f"{value:.4f}" if unit.si in ("rad", "m") else f"{value:.4g}"
     return f"{digits} {unit.si} ({value * unit.per_si:.1f} {unit.shown})"

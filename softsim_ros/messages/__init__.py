@@ -10,6 +10,7 @@ from softsim_ros.messages.moving_markers import MovingMarkers
 from softsim_ros.messages.profiles import read_step_profile, step_profile
 from softsim_ros.messages.states import (
     clock,
+    fluid_pressure,
     header,
     joint_state,
     pose,
@@ -25,6 +26,7 @@ __all__ = [
     "clock",
     "diagnostic_array",
     "diagnostic_values",
+    "fluid_pressure",
     "header",
     "joint_state",
     "mesh_checksum",

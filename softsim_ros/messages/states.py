@@ -1,4 +1,4 @@
-"""Joint states, poses, transforms and clock messages from plain numbers (SI units, quaternions x y z w)."""
+"""Joint states, pressures, poses, transforms, clock: messages of plain numbers (SI, quaternions x y z w)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Header
 
 from softsim_ros.messages.buffers import message_array
@@ -56,6 +56,11 @@ def joint_state(
         velocity=message_array(velocities, "d"),
         effort=message_array(efforts, "d"),
     )
+
+
+def fluid_pressure(stamp: Time, frame: str, pressure: float) -> FluidPressure:
+    """A pressure against vacuum in [Pa], of unknown variance, at a sensor in `frame`."""
+    return FluidPressure(header=header(stamp, frame), fluid_pressure=pressure)
 
 
 def pose(position: Iterable[float], quaternion_xyzw: Iterable[float]) -> PoseMessage:

@@ -22,6 +22,7 @@ from softsim_ros import messages
 from softsim_ros.description.urdf import control_topics, urdf
 from softsim_ros.frames import WORLD, RobotFrames
 from softsim_ros.qos import LATCHED
+from softsim_ros.simulator.chambers import ChamberPublications
 from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate
 from softsim_ros.simulator.structure import StructurePublications
@@ -79,6 +80,7 @@ class Publications:
         if publish_clock:
             self._clock = node.create_publisher(Clock, "/clock", 1)
         self._joint_states = node.create_publisher(JointState, "joint_states", 10)
+        self._chambers = ChamberPublications(node, frames.base)
         self._effector_pose = node.create_publisher(PoseStamped, "effector_pose", 5)
         self._base_shift = node.create_publisher(Float64, "base_shift", LATCHED)
         self._shown_shift: float | None = None
@@ -102,6 +104,7 @@ class Publications:
         self._topology.publish(messages.topology(points, triangles))
         self._structure.show_scene(simulation, overrides, scenes)
         self._objects.show_scene(simulation, self._tree.of_body)
+        self._chambers.show_scene(simulation)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 
     @property
@@ -150,6 +153,7 @@ class Publications:
                 simulation.joint_efforts,
             )
         )
+        self._chambers.publish(simulation, stamp)
         if simulation.base_shift != self._shown_shift:
             self._shown_shift = simulation.base_shift
             self._base_shift.publish(Float64(data=self._shown_shift))

@@ -42,7 +42,7 @@ def tunables(robot: RobotDescription) -> dict[str, Tunable]:
     """
     scene, found = robot.scene, dict[str, Tunable]()
     for number, ((owner, values), law) in enumerate(zip(scene.materials, scene.laws, strict=True)):
-        prefix = _prefix(robot, owner)
+        prefix = scene.parameter_prefix(owner)
         for each in law.parameters:
             ends = (max(each.lower, -LARGEST), min(each.upper, LARGEST))
             about = About(
@@ -76,7 +76,7 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
     scene, bodies = robot.scene, []
 
     def given(owner: str, known: Mapping[str, float]) -> dict[str, float]:
-        prefix = _prefix(robot, owner)
+        prefix = scene.parameter_prefix(owner)
         return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
 
     for body in scene.bodies:
@@ -190,14 +190,6 @@ class TuningParameters:
                 told[name](simulation, value)
 
         self._write(write)
-
-
-def _prefix(robot: RobotDescription, owner: str) -> str:
-    """What stands before the names of an owner's parameters; see SceneDescription.materials."""
-    if len(robot.scene.bodies) > 1:
-        return f"{owner}."
-    only = robot.scene.bodies[0].name if robot.scene.bodies else ""
-    return "" if owner == only else f"{owner.removeprefix(f'{only}.')}."
 
 
 def _of_material(

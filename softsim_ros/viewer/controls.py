@@ -93,7 +93,8 @@ def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
 def _controlled(robot: RobotDescription) -> object:
     """What of a scene the controls show."""
     joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
-    return robot.name, [joint.kind for joint in robot.joints], joints, robot.keys, tunables(robot)
+    kinds = [(joint.kind, joint.units) for joint in robot.joints]
+    return robot.name, kinds, joints, robot.keys, tunables(robot)
 
 
 def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.client.state import enforces_limits
@@ -12,7 +13,7 @@ from softsim_ros.keys.keyboard import Keyboard
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
 from softsim_ros.viewer.panel import Control, Inbox, Shown
-from softsim_ros.viewer.units import joint_range, slider_value
+from softsim_ros.viewer.units import command_of, joint_range, slider_label, slider_value
 
 
 class DriveTab:
@@ -33,8 +34,9 @@ class DriveTab:
         self._bars = Shown(gui.add_html(""))
         self._sliders: list[Control] = []
         for joint in robot.joints:
-            slider = gui.add_slider(joint.name, *joint_range(joint), slider_value(joint, joint.rest))
-            self._sliders.append(inbox.on_change(slider, partial(client.joints.move, joint.name)))
+            start = slider_value(joint, joint.rest)
+            slider = gui.add_slider(slider_label(joint), *joint_range(joint), start)
+            self._sliders.append(inbox.on_change(slider, partial(_move, client, joint)))
         with gui.add_folder("Keys"):
             for name, binding in page_keys(robot).items():
                 label = key_label(name, binding)
@@ -58,3 +60,7 @@ class DriveTab:
         if targets is not None:
             for joint, slider, target in zip(joints, self._sliders, targets, strict=True):
                 slider.show(slider_value(joint, target))
+
+
+def _move(client: RobotClient, joint: JointDescription, shown: float) -> None:
+    client.joints.move(joint.name, command_of(joint, shown))

@@ -183,7 +183,7 @@ class Picture:
             for body in bodies
         ]
         with self._server.atomic():
-            self.stage.surface.show(parts, (points * MM).astype(np.float32))
+            self.stage.show_surface(parts, (points * MM).astype(np.float32))
             self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.zones)
         if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
             self._seen = told.robot.name

@@ -18,7 +18,7 @@ from softsim_ros.viewer.marker_view import MarkerView, RigidView
 from softsim_ros.viewer.normals_view import NormalsView
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.pull import Pull
-from softsim_ros.viewer.surface import MM, SurfaceView
+from softsim_ros.viewer.surface import MM, Part, SurfaceView
 
 CAMERA_DIRECTION: Final = (0.5, -0.72, 0.48)
 CAMERA_DISTANCE: Final = 1.15
@@ -26,6 +26,7 @@ CAMERA_DISTANCE: Final = 1.15
 
 BACKGROUND: Final = (222, 228, 235)
 FLOOR_MM: Final = -20.0
+"""Height of the grid; where bodies hang below z = 0, it lies as far below their lowest point at rest."""
 
 GOAL_HOLD_S: Final = 1.0
 """After it was dragged the goal handle stays this long, in [s], before it follows the goals of others."""
@@ -74,7 +75,9 @@ class Stage:
             shadow_opacity=0.0,
             position=(0.0, 0.0, FLOOR_MM),
         )
-        scene.add_frame("/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM))
+        self._axes = scene.add_frame(
+            "/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM)
+        )
         self.surface = SurfaceView(scene, self._on_mesh)
         self.normals = NormalsView(scene)
         self.inner = InnerView(scene, robot, frames)
@@ -90,6 +93,13 @@ class Stage:
         self._goal_moved_at = -np.inf
         self._goal_dragged = False
         self._goal_pose: tuple[float, ...] | None = None
+
+    def show_surface(self, parts: list[Part], points: NDArray[np.float32]) -> None:
+        """Take bodies by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
+        self.surface.show(parts, points)
+        height = floor_height(points)
+        self._floor.position = (0.0, 0.0, height)
+        self._axes.position = (-100.0, -100.0, height)
 
     def show_rigid(self, message: MarkerArray) -> None:
         """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
@@ -194,6 +204,11 @@ class Stage:
         """End a pull."""
         self.pull = None
         self.draw_rope()
+
+
+def floor_height(points: NDArray[np.float32]) -> float:
+    """Height in [mm] of a grid below `points` (p, 3) in [mm]; what stands on z = 0 has it at FLOOR_MM."""
+    return FLOOR_MM + float(points[:, 2].min(initial=0.0))
 
 
 def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from softsim_core.scene.robot import RobotDescription
@@ -13,6 +13,7 @@ from softsim_ros.viewer.profiler import ProfilerView
 from softsim_ros.viewer.readings import goal_error_mm
 from softsim_ros.viewer.stage_tables import stage_table
 from softsim_ros.viewer.step_statistics import StepStatistics
+from softsim_ros.viewer.units import unit_on_page
 
 
 class PlotsTab:
@@ -33,10 +34,13 @@ class PlotsTab:
         statistics: StepStatistics,
     ) -> None:
         self._robot, self._state, self._statistics = robot, state, statistics
+        self._units = [unit_on_page(joint.units.position) for joint in robot.joints]
+        of_positions = _listed(unit for _, unit in self._units)
+        of_efforts = _listed(joint.units.effort for joint in robot.joints)
         charts = {
-            "positions": ("Joint positions [rad or m]", robot.joint_names),
+            "positions": (f"Joint positions [{of_positions}]", robot.joint_names),
             "error": ("Effector to goal [mm]", ("error",)),
-            "efforts": ("Torque [N·m] or tension [N]", robot.joint_names),
+            "efforts": (f"Efforts [{of_efforts}]", robot.joint_names),
             "stages": ("Time a step [ms]", ("step", "publishing")),
             "factor": ("Real-time factor", ("factor",)),
         }
@@ -50,7 +54,8 @@ class PlotsTab:
         """One more point on every curve."""
         state, stages = self._state(), self._statistics.stages
         if "positions" in self._plots and state.measured is not None:
-            self._plots["positions"].add(time_s, state.measured)
+            shown = [at * factor for at, (factor, _) in zip(state.measured, self._units, strict=False)]
+            self._plots["positions"].add(time_s, shown)
         if "efforts" in self._plots and len(state.efforts) == len(self._robot.joints):
             self._plots["efforts"].add(time_s, state.efforts)
         self._plots["error"].add(time_s, (goal_error_mm(state),))
@@ -77,3 +82,8 @@ class TimingTab:
         """Show the newest statistics."""
         self._stages.show(stage_table(self._statistics.stages))
         self._profiler.refresh(self._statistics.profile)
+
+
+def _listed(units: Iterable[str]) -> str:
+    """Each unit once: "rad or m"."""
+    return " or ".join(dict.fromkeys(units))

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from softsim_core.fem.materials import MaterialParameter
-from softsim_core.scene.description import BodyDescription
 from softsim_core.scene.robot import RobotDescription
 
 KILO: Final = 1000.0
+MEGA: Final = 1.0e6
+SHOWN_IN_MPA: Final = 1.0e7
+"""From this pressure in [Pa] on a slider shows [MPa]: paper and thread, not rubber."""
+
 YOUNG_KPA: Final = (10.0, 2000.0)
 """Range of Young modulus in [kPa]; wider where the scene's own lies outside."""
 
@@ -53,7 +56,7 @@ class Tunable:
 
 
 def tunables(robot: RobotDescription) -> list[Tunable]:
-    """Speed, limits, material of each body, damping."""
+    """Speed, limits, material of each body, of its layers and its fibres, damping."""
     scene = robot.scene
     found = [
         Tunable(
@@ -66,10 +69,10 @@ def tunables(robot: RobotDescription) -> list[Tunable]:
             robot.commands.enforce_limits,
         ),
     ]
-    for body in scene.bodies:
-        prefix = f"{body.name}." if len(scene.bodies) > 1 else ""
-        for parameter in body.material.law_for(scene.solver.rotation).parameters:
-            found.append(_material_parameter(body, parameter, prefix))
+    for (owner, values), law in zip(scene.materials, scene.laws, strict=True):
+        prefix = scene.parameter_prefix(owner)
+        for parameter in law.parameters:
+            found.append(_material_parameter(owner, prefix, parameter, values[parameter.name]))
     found.append(
         Tunable(
             "rayleigh_stiffness",
@@ -95,30 +98,43 @@ def tunables(robot: RobotDescription) -> list[Tunable]:
     return found
 
 
-def _material_parameter(body: BodyDescription, parameter: MaterialParameter, prefix: str) -> Tunable:
-    """The slider of a parameter of a body's law; pressures are shown in [kPa]."""
-    value, name = body.material.values[parameter.name], parameter.name
-    if name == "poisson_ratio":
+def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, value: float) -> Tunable:
+    """The slider of a parameter of a law, by the full name of what is made of it; see SceneDescription."""
+    name, whose = f"{prefix}{parameter.name}", prefix.rstrip(".") or owner
+    if parameter.name == "poisson_ratio":
         return Tunable(
-            f"{prefix}{name}",
-            f"Poisson ratio of {body.name}",
+            name,
+            f"Poisson ratio of {whose}",
             "0.5 keeps the volume",
             value,
             lower=min(0.0, value),
             upper=max(0.495, value),
             step=0.005,
         )
-    scale, unit = (KILO, "kPa") if parameter.unit == "Pa" else (1.0, parameter.unit)
-    young = name == "young_modulus"
+    scale, unit = _shown_unit(parameter.unit, value)
     shown = value / scale
-    lower, upper = YOUNG_KPA if young else (shown / 10.0, shown * 4.0 or 1.0)
+    young = parameter.name == "young_modulus"
+    in_fine_steps = young and scale == KILO
+    lower, upper = YOUNG_KPA if in_fine_steps else (shown / 10.0, shown * 4.0 or 1.0)
     return Tunable(
-        f"{prefix}{name}",
-        f"{parameter.description} of {body.name} [{unit}]",
+        name,
+        f"{_in_short(parameter)} of {whose}{unit}",
         "how stiff the material is" if young else parameter.description,
         shown,
         lower=min(lower, shown / 10.0, shown * 4.0),
         upper=max(upper, shown / 10.0, shown * 4.0),
-        step=1.0 if young else 0.01 * abs(shown) or 0.01,
+        step=1.0 if in_fine_steps else 0.01 * abs(shown) or 0.01,
         scale=scale,
     )
+
+
+def _shown_unit(unit: str, value: float) -> tuple[float, str]:
+    """How many of SI are one of the shown unit, and how a label ends with it."""
+    if unit != "Pa":
+        return 1.0, "" if unit == "-" else f" [{unit}]"
+    return (MEGA, " [MPa]") if abs(value) >= SHOWN_IN_MPA else (KILO, " [kPa]")
+
+
+def _in_short(parameter: MaterialParameter) -> str:
+    """What a label calls it: "C1" of "C1, half the shear modulus at rest", which its help says whole."""
+    return parameter.description.partition(",")[0]

@@ -49,7 +49,7 @@ def test_every_executable_has_a_policy_in_the_form_that_sros2_reads(tmp_path: Pa
             for group in profile:
                 (verb,) = group.attrib
                 assert (group.tag, {each.tag for each in group}) == (RULES[verb][0], {RULES[verb][1]})
-                assert all(re.fullmatch(r"(\*|(/|~/)?\w+(/\w+)*)", str(each.text)) for each in group)
+                assert all(re.fullmatch(r"(\*|(/|~/)?\w+(/(\w+|\*))*)", str(each.text)) for each in group)
     write_policies(tmp_path, read_policies(FOLDER))
     for file in FOLDER.glob("*.xml"):
         assert (tmp_path / file.name).read_bytes() == file.read_bytes()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -253,3 +254,24 @@ def test_broken_and_half_open_connections_say_nothing_and_keep_nobody_out() -> N
         process.kill()
         process.wait()
     assert output == ""
+
+
+def test_the_sliders_of_layers_and_fibres_are_guarded_as_all_are(controls: Controls) -> None:
+    pytest.importorskip("rclpy")
+    from softsim_core import load_scene
+    from softsim_ros.viewer.panel import Inbox
+    from softsim_ros.viewer.tune_tab import TuneTab
+
+    parameters: Any = SimpleNamespace(follow=lambda names, on_values: None)
+    TuneTab(controls.server.gui, Inbox(), load_scene("pneu_finger"), parameters)
+    sliders = {each.label: each for each in controls.server._controls().values()}
+    for label, lower, upper in (
+        ("Young modulus of paper [MPa]", 100.0, 4000.0),
+        ("Stiffness in tension of thread [kPa]", 100.0, 4000.0),
+        ("Poisson ratio of paper", 0.0, 0.495),
+    ):
+        for value in (lower, 0.5 * (lower + upper), upper):
+            assert controls.passes(sliders[label], value=value)
+        for value in (lower - 0.1, upper + 0.1, float("nan"), "1", True, None):
+            assert not controls.passes(sliders[label], value=value)
+        assert not controls.passes(sliders[label], value=upper, max=1e9)

@@ -20,9 +20,11 @@ from softsim_core import load_scene
 from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
 from softsim_core.scene.view import ViewSettings
+from softsim_ros.simulator.tuning import tunables as physical
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.collision_view import CollisionView
+from softsim_ros.viewer.controls import have_same_controls
 from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.layers import LAYERS
@@ -33,10 +35,10 @@ from softsim_ros.viewer.properties import parts_of
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.scene_tab import joint_at
 from softsim_ros.viewer.shapes import box_lines, normal_lines, shrunk_faces, sphere_lines, tetrahedra_edges
-from softsim_ros.viewer.stage import camera_for
+from softsim_ros.viewer.stage import camera_for, floor_height
 from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
 from softsim_ros.viewer.tuning import tunables
-from softsim_ros.viewer.units import joint_range, slider_value
+from softsim_ros.viewer.units import command_of, joint_range, slider_label, slider_value
 
 pytestmark = pytest.mark.ros
 
@@ -350,3 +352,54 @@ def test_a_chamber_stands_at_its_pressure_between_its_limits() -> None:
     assert "+7000.0000 Pa" in told
     assert "-2.0 kPa" in told
     assert joint_range(air) == (-2000.0, 10000.0, 10.0)
+    assert (slider_label(air), slider_value(air, 8123.0), command_of(air, 8000.0)) == ("air", 8123.0, 8000.0)
+
+
+def test_volumes_are_commanded_and_told_in_ml() -> None:
+    (air,) = load_scene("pneu_finger").joints
+    assert slider_label(air) == "air [ml]"
+    assert joint_range(air) == (-0.4, 1.4, 0.01)
+    assert (slider_value(air, 8.0e-7), slider_value(air, 1.0)) == (0.8, 1.4)
+    assert command_of(air, 0.8) == pytest.approx(8.0e-7, rel=1e-12)
+    assert (command_of(air, -0.4), command_of(air, 1.4)) == (air.limits.lower, air.limits.upper)
+    by_pressure = dataclasses.replace(air, actuator=dataclasses.replace(air.actuator, control="pressure"))
+    finger = load_scene("pneu_finger")
+    assert have_same_controls(finger, finger.with_scene(joints=(dataclasses.replace(air),)))
+    assert not have_same_controls(finger, finger.with_scene(joints=(by_pressure,)))
+    told = readings.joint_bars((air,), (-2.5e-21,), None, (-37.4,))  # rounding, around zero
+    assert "<span>0 m^3 (0.0 ml) " in told
+
+
+@pytest.mark.parametrize(("lowest", "height"), [(25.0, -20.0), (-66.0, -86.0)])
+def test_the_grid_lies_below_all_bodies(lowest: float, height: float) -> None:
+    points = np.array([[0.0, 0.0, 30.0], [10.0, 0.0, lowest]], np.float32)
+    assert floor_height(points) == pytest.approx(height)
+    assert floor_height(points[:0]) == -20.0
+
+
+@pytest.mark.parametrize("scene", ["tripod", "pneu_finger", "pneu_arm", "cable_gripper"])
+def test_every_parameter_of_the_physics_has_a_slider(scene: str) -> None:
+    robot = load_scene(scene)
+    sliders = {each.name: each for each in tunables(robot)}
+    parameters = physical(robot)
+    assert parameters.keys() == sliders.keys() - {"speed", "enforce_limits"}
+    for name, parameter in parameters.items():
+        slider = sliders[name]
+        assert slider.si(slider.shown(parameter.value)) == pytest.approx(parameter.value)
+        low, high = parameter.about.within
+        assert low <= slider.si(slider.lower) < slider.si(slider.upper) <= high
+
+
+def test_layers_and_fibres_are_labelled_by_their_own_names() -> None:
+    finger = load_scene("pneu_finger")
+    labels = {each.name: each.label for each in tunables(finger)}
+    assert labels["c1"] == "C1 of finger [kPa]"
+    assert labels["stiffness_factor"] == "Factor on the stiffness of finger"
+    assert labels["paper.young_modulus"] == "Young modulus of paper [MPa]"
+    assert labels["paper.poisson_ratio"] == "Poisson ratio of paper"
+    assert labels["thread.stiffness"] == "Stiffness in tension of thread [kPa]"
+    (body,) = finger.scene.bodies
+    both = finger.with_scene(bodies=(body, dataclasses.replace(body, name="thumb")))
+    paper = next(each for each in tunables(both) if each.name == "thumb.paper.young_modulus")
+    assert paper.label == "Young modulus of thumb.paper [MPa]"
+    assert (paper.lower, paper.start, paper.upper, paper.si(500.0)) == (100.0, 1000.0, 4000.0, 500.0e6)

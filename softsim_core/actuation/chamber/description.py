@@ -10,7 +10,10 @@ from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.units import PRESSURE, VOLUME, JointUnits
 from softsim_core.values import FieldError, Vector, need_finite
 
-VACUUM = -101_325.0
+ATMOSPHERE = 101_325.0
+"""Pressure of the air around in [Pa], against vacuum: the standard atmosphere."""
+
+VACUUM = -ATMOSPHERE
 """Pressure of nothing against the air around in [Pa]."""
 
 

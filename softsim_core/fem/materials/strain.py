@@ -123,7 +123,7 @@ class Fibres(StrainMaterial):
     """
 
     name = "fibres"
-    parameters = (MaterialParameter("stiffness", "Pa", "k of k/2 (I4 - 1)^2 in tension", 0.0),)
+    parameters = (MaterialParameter("stiffness", "Pa", "Stiffness in tension, k of k/2 (I4 - 1)^2", 0.0),)
 
     def energy(self, deformation: Array, p: Array) -> Array:
         """See Material."""

@@ -1,0 +1,77 @@
+"""The pneumatic finger's page: what is in its body is tuned there, and its air is told in ml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("viser")
+
+from browser_page import BrowserPage
+from sensor_msgs.msg import JointState
+
+from softsim_core import load_scene
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def station(
+    start_station: Callable[..., tuple[Any, str]], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Any, str]:
+    """The finger in the namespace of the tests' client."""
+    file = tmp_path_factory.mktemp("scene") / "finger.yaml"
+    file.write_text(f"extends: {load_scene('pneu_finger').source}\nname: tripod\n")
+    return start_station(str(file), "--no-bridge")
+
+
+@pytest.fixture(scope="module")
+def page(station: tuple[Any, str], browser: Any) -> Iterator[BrowserPage]:
+    page = BrowserPage(browser, station[1])
+    page.wait_for_node("/bodies/finger")
+    yield page
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("label", "parameter", "shown", "value"),
+    [
+        ("Young modulus of paper [MPa]", "paper.young_modulus", 500.0, 5.0e8),
+        ("Poisson ratio of paper", "paper.poisson_ratio", 0.2, 0.2),
+        ("Stiffness in tension of thread [kPa]", "thread.stiffness", 2000.0, 2.0e6),
+        ("Factor on the stiffness of finger", "stiffness_factor", 1.4, 1.4),
+    ],
+)
+def test_layers_and_fibres_are_tuned_on_the_page(
+    station: tuple[Any, str],
+    page: BrowserPage,
+    spin_until: Callable[..., bool],
+    label: str,
+    parameter: str,
+    shown: float,
+    value: float,
+) -> None:
+    robot, _ = station
+    page.tab("Tune")
+    page.set_number(label, shown)
+    assert spin_until(lambda: robot.get_parameter(parameter) == pytest.approx(value)), robot.process.output
+    assert page.errors == []
+
+
+def test_the_air_is_commanded_in_ml(
+    station: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
+) -> None:
+    robot, _ = station
+    states = robot.client.collect(JointState, "joint_states", 5)
+    assert spin_until(lambda: states)
+    page.tab("Drive")
+    page.set_number("air [ml]", 0.8)
+    assert spin_until(lambda: states[-1].position[0] == pytest.approx(8.0e-7, abs=1e-9))
+    page.page.get_by_text("8e-07 m^3 (0.8 ml)").wait_for(state="visible")
+    page.tab("Plots")
+    for title in ("Joint positions [ml]", "Efforts [Pa]"):
+        page.page.get_by_text(title).wait_for(state="visible")
+    assert page.errors == []
