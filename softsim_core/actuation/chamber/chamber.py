@@ -7,7 +7,13 @@ With the shape functions N of the nodes of each face, over the reference triangl
         + N_{a,\xi} \, x_\eta \times x + N_{a,\eta} \, x \times x_\xi\bigr)
 
 exact for linear and quadratic faces. A pressure p pushes with p dV/dx, and -p d2V/dx2 is its stiffness: both
-of a potential -p V, so symmetric.
+of a potential -p V, so symmetric. V is of third order in x, so one constant tensor per kind of face holds
+them all:
+
+.. math:: \frac{\partial^2 V}{\partial x_a \partial x_b} = [v_{ab}]_\times, \quad
+    v_{ab} = \sum_c T_{abc} x_c, \quad
+    \frac{\partial V}{\partial x_a} = \tfrac12 \sum_b v_{ab} \times x_b, \quad
+    V = \tfrac13 \sum_a x_a \cdot \frac{\partial V}{\partial x_a}
 
 Sources: Schweizerhof, Ramm 1984, Displacement dependent pressure loads; Bonet, Wood 2008, Nonlinear
 continuum mechanics for finite element analysis, 8.5.
@@ -16,6 +22,7 @@ continuum mechanics for finite element analysis, 8.5.
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from softsim_core.actuation.actuator import Actuator, GeometricStiffness, no_geometric_stiffness
 from softsim_core.actuation.building import Placed, Surroundings, plain_kind
@@ -27,6 +34,7 @@ from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
 from softsim_core.mesh.faces import cavities, encloses
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _WEAK = 1e-9
 """Parts of the stiffness below this share of the largest are left out."""
 
@@ -58,25 +66,23 @@ class Chamber(Actuator):
         self.faces: IndexArray = numbered.reshape(faces.shape)
         self.surface = self.place[self.faces]
         self._limits = described.min_pressure, described.max_pressure
-        self._shape = _QUADRATIC if faces.shape[1] == 6 else _LINEAR
+        count = faces.shape[1]
+        self._twist, self._pairs = _TWISTS[count], np.triu_indices(count, 1)
+        one, two = self._pairs  # dV/dx from x_b x x_c of each pair b < c
+        self._shares = 0.5 * (self._twist[:, two, one] - self._twist[:, one, two])
+        corner = np.arange(self.faces.size)
+        self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
         self._middle = rest.mean(axis=0)
-        self.rest_volume = self._volume(rest)
+        self.rest_volume = self._volume((rest - self._middle)[self.faces])
 
     def value(self, model: Model, state: State) -> float:
         """By how much the volume has grown, in [m^3]."""
-        return self._volume(state.positions[self.place]) - self.rest_volume
+        return self._volume(self._corners(state)) - self.rest_volume
 
     def row(self, model: Model, state: State) -> Array:
         """DV/dx in [m^2], shape (k, 3)."""
-        weights, values, first, second = self._shape
-        x, along, across = self._at_points(state.positions[self.place])
-        pieces = np.einsum("q,qa,kqi->kai", weights, values, np.cross(along, across))
-        pieces += np.einsum("q,qa,kqi->kai", weights, first, np.cross(across, x))
-        pieces += np.einsum("q,qa,kqi->kai", weights, second, np.cross(x, along))
-        result = np.zeros((len(self.place), 3))
-        np.add.at(result, self.faces, pieces / 3.0)
-        return result
+        return np.asarray(self._spread @ self._slopes(self._corners(state)).reshape(-1, 3))
 
     def bounds(self, command: float) -> tuple[float, float]:
         """See Actuator."""
@@ -104,19 +110,21 @@ class Chamber(Actuator):
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
         """See Actuator: -p d2V/dx2 of each face."""
-        corners = (state.positions[self.place] - self._middle)[self.faces]
-        twist = np.tensordot(corners, _TWIST[self.faces.shape[1]], axes=(1, 2)).transpose(0, 2, 3, 1)
-        return np.asarray(-multiplier * _crossed(twist))
+        v = np.tensordot(self._corners(state), self._twist, axes=(1, 2)).transpose(0, 2, 3, 1)
+        return np.asarray(-multiplier * _crossed(v))
 
-    def _at_points(self, places: Array) -> tuple[Array, Array, Array]:
-        """X from the middle, and its two slopes, at the points of all faces, each (k, q, 3)."""
-        _, values, first, second = self._shape
-        corners = (places - self._middle)[self.faces]
-        return values @ corners, first @ corners, second @ corners
+    def _corners(self, state: State) -> Array:
+        """Places of the nodes of all faces from the middle, shape (m, a, 3)."""
+        return np.asarray((state.positions[self.place] - self._middle)[self.faces])
 
-    def _volume(self, places: Array) -> float:
-        x, along, across = self._at_points(places)
-        return float(np.einsum("q,kqi,kqi->", self._shape[0], x, np.cross(along, across)) / 3.0)
+    def _slopes(self, corners: Array) -> Array:
+        """DV/dx of the nodes of each face, shape (m, a, 3)."""
+        one, two = (corners[:, each] for each in self._pairs)
+        turned = one[..., _NEXT] * two[..., _LAST] - one[..., _LAST] * two[..., _NEXT]
+        return np.asarray(self._shares @ turned)
+
+    def _volume(self, corners: Array) -> float:
+        return float((corners * self._slopes(corners)).sum() / 3.0)
 
 
 def _hollow(name: str, described: ChamberDescription, surroundings: Surroundings) -> IndexArray:
@@ -174,7 +182,7 @@ def _quadratic() -> tuple[Array, Array, Array, Array]:
 
 
 def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
-    """The d2V/dx2 of two nodes a, b of a face is [v]x with v the sum of T_abc x_c: T, shape (a, a, a)."""
+    """The tensor T, see the module, shape (a, a, a)."""
 
     def lesser(one: Array, two: Array, by: Array) -> Array:
         half = np.einsum("q,qa,qb,qc->abc", weights, one, two, by)
@@ -184,6 +192,6 @@ def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
     return np.asarray(turned / 3.0)
 
 
-_LINEAR, _QUADRATIC = _linear(), _quadratic()
-_TWIST = {3: _twist(*_LINEAR), 6: _twist(*_QUADRATIC)}
+_TWISTS = {3: _twist(*_linear()), 6: _twist(*_quadratic())}
+"""T of faces by how many nodes they have."""
 CHAMBER = plain_kind(ChamberDescription, Chamber)

@@ -67,9 +67,11 @@ class PairedCells:
         for group in self._groups:
             k = kinds.index((group.element.name, group.material.name))
             self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
-        self._surfaces = [(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces]
-        cells = [group.cells for group in self._groups]
-        cells += [np.take_along_axis(faces[order], inside, axis=1) for faces, order, inside in self._surfaces]
+        self._surfaces = [
+            _Surface(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces
+        ]
+        cells = [group.cells for group in self._groups] + [surface.cells for surface in self._surfaces]
+        self._upper = [np.triu_indices(each.shape[1]) for each in cells]
         self._places, self.pairs = cell_places(cells, nodes, local, layout)
         self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
         self._fill_strain = OneSignature(fill_strain)
@@ -133,14 +135,15 @@ class PairedCells:
                 on_nodes = cell_forces(group, x, p)
                 on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
                 np.add.at(forces, group.cells, on_nodes)
-                self._add(k, scale * stiffness)
+                first, second = self._upper[k]
+                self._add(k, scale * stiffness[:, first, second])
             if straining is not None:
                 self._hold(k, state, scale, x + lag * velocities, forces)
         for k, stiffness in enumerate(pressed):
-            faces, order, inside = self._surfaces[k]
-            np.add.at(forces, faces, -lag * np.einsum("mabij,mbj->mai", stiffness, velocities[faces]))
-            ordered = stiffness[order[:, None, None], inside[:, :, None], inside[:, None, :]]
-            self._add(len(self._groups) + k, scale * ordered)
+            np.add.at(
+                forces, self._surfaces[k].faces, -lag * _forces(stiffness, velocities, self._surfaces[k])
+            )
+            self._add(len(self._groups) + k, scale * stiffness[self._surfaces[k].taken])
         return forces
 
     def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
@@ -152,13 +155,13 @@ class PairedCells:
         group = self._groups[k]
         stiffness = held_stiffness(group, held[chosen])
         np.add.at(forces, group.cells, -(stiffness @ ahead[group.cells]))
-        self._add(k, scale * stiffness[..., None, None] * np.eye(3))
+        first, second = self._upper[k]
+        self._add(k, scale * stiffness[:, first, second, None, None] * np.eye(3))
 
-    def _add(self, k: int, stiffness: Array) -> None:
-        """Add blocks (m, a, a, 3, 3) of all pairs of nodes of a group, or of a surface, to the matrix."""
-        first, second = np.triu_indices(stiffness.shape[1])
-        blocks = np.zeros((len(stiffness), len(first), 3, 4))
-        blocks[..., :3] = stiffness[:, first, second]
+    def _add(self, k: int, of_pairs: Array) -> None:
+        """Add blocks (m, a (a + 1) / 2, 3, 3) of the pairs of nodes of a group or surface to the matrix."""
+        blocks = np.zeros((*of_pairs.shape[:3], 4))
+        blocks[..., :3] = of_pairs
         self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
 
     def folded(self, positions: Array) -> int:
@@ -168,3 +171,30 @@ class PairedCells:
             for group, cells in zip(self._groups, self._batches, strict=True)
             if group.fills and group.cells.shape[1] != 4
         )
+
+
+class _Surface:
+    """Faces that an actuator presses on.
+
+    Args:
+        faces: Their nodes, shape (m, a).
+        order: How they are eliminated, shape (m,).
+        inside: And then the nodes of each, shape (m, a).
+
+    Attributes:
+        faces: As given.
+        cells: Their nodes in that order.
+        taken: What of blocks (m, a, a, 3, 3) of the faces as given belongs to the pairs of `cells`.
+    """
+
+    def __init__(self, faces: IndexArray, order: IndexArray, inside: IndexArray) -> None:
+        first, second = np.triu_indices(faces.shape[1])
+        self.faces, self.cells = faces, np.take_along_axis(faces[order], inside, axis=1)
+        self.taken = order[:, None], inside[:, first], inside[:, second]
+
+
+def _forces(stiffness: Array, velocities: Array, surface: _Surface) -> Array:
+    """K v of the faces from their blocks (m, a, a, 3, 3), shape (m, a, 3)."""
+    count, nodes = surface.faces.shape
+    square = stiffness.swapaxes(2, 3).reshape(count, 3 * nodes, 3 * nodes)
+    return np.asarray(square @ velocities[surface.faces].reshape(count, -1, 1)).reshape(count, nodes, 3)
