@@ -146,7 +146,7 @@ class ScipyStepper:
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> ScipyStaticTangent:
         """See Stepper."""
-        stiffness = node_stiffness(self.model, state, parameters)
+        stiffness = node_stiffness(self.model, state, parameters, moved=state.extra.get(MOVED))
         if pressed:
             stiffness = stiffness + matrix_of_blocks(len(self.model.rest), self.actuators.surfaces(), pressed)
         loads = static_forces(self.model, state, parameters, forces)

@@ -68,7 +68,9 @@ class Stepper(Protocol):
     ) -> StaticTangent:
         """The exact static tangent at `state` under node forces (n, 3) in [N] beside weight and elasticity.
 
-        `pressed` is the stiffness of the actuators' surfaces, see ActuatorGroup; without it, it is left out.
+        Cells that keep their stress take what the last step found: in a state on its way the pressure of its
+        volume may be far off. `pressed` is the stiffness of the actuators' surfaces, see ActuatorGroup;
+        without it, it is left out.
 
         The compiled implementation takes that of the law `polar` for `qr`, too, as an approximation; and
         for a state on its way that is not stable, the tangent with negative eigenvalues of elements taken

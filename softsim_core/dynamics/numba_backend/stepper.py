@@ -301,8 +301,9 @@ class NumbaStepper:
         data = self._prepared
         clear(data.work.factor)
         if data.cells.paired:
+            moved = None if tangent == CLAMPED else state.extra.get(MOVED)
             loads = loads + data.cells.paired.fill(
-                state, parameters.materials, tangent == CLAMPED, pressed=pressed
+                state, parameters.materials, tangent == CLAMPED, moved=moved, pressed=pressed
             )
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
