@@ -32,8 +32,8 @@ from softsim_core import (  # noqa: E402
 
 PICTURES = FOLDER / "pictures"
 KEYWORD = "Scene state"
-LENGTH_MM, TENSION_N = 1.0, 0.5
-"""A picture is of today's scene when all lengths and tensions it carries are this near."""
+TOLERANCES = {"lengths_mm": 1.0, "tensions_n": 0.5, "pressures_kpa": 0.5}
+"""A picture is of today's scene when all numbers it carries are this near."""
 
 FRAME_S, MOST_FRAMES = 0.08, 36
 """A film has a frame this often, in simulated time in [s], or more rarely where it is long."""
@@ -78,6 +78,7 @@ class Shot:
 
 FINGER = (18.0, -20.0)
 GRIPPER = (12.0, -25.0)
+AIR = (14.0, -65.0)
 SHOTS = (
     Shot("tripod_step_1", 0.05, ghost=True),
     Shot("tripod_step_2", 0.06, ghost=True),
@@ -118,6 +119,10 @@ SHOTS = (
         view=GRIPPER,
         film=True,
     ),
+    Shot("pneu_step_1", 1.6, ghost=True, view=AIR),
+    Shot("pneu_step_2", 2.4, ghost=True, moves={0.0: (1.4e-6,)}, view=AIR, film=True),
+    Shot("pneu_step_3", 2.4, ghost=True, moves={0.0: (9e-7,)}, view=AIR, film=True),
+    Shot("pneu_step_4", 2.4, ghost=True, moves={0.0: (8e-6, 0.0, 0.0)}, view=AIR, film=True),
 )
 
 
@@ -150,14 +155,19 @@ def played(shot: Shot) -> tuple[Simulation, Pose | None]:
 
 
 def state_of(simulation: Simulation) -> dict[str, list[float]]:
-    """Where everything is, in few numbers: places of bodies in mm, tensions in N."""
+    """Where everything is, in few numbers: places of bodies in mm, tensions in N, pressures in kPa."""
     lengths = [pose.position for pose in simulation.rigid_poses]
     if len(points := simulation.visual_points()):
         lengths += [points.min(axis=0), points.max(axis=0), points.mean(axis=0)]
     return {
         "lengths_mm": [round(1e3 * value, 3) for each in lengths for value in each.tolist()],
-        "tensions_n": [round(cable.tension, 3) for cable in simulation.actuators],
+        "tensions_n": _multipliers(simulation, "cable", 1.0),
+        "pressures_kpa": _multipliers(simulation, "chamber", 1e-3),
     }
+
+
+def _multipliers(simulation: Simulation, kind: str, unit: float) -> list[float]:
+    return [round(unit * each.multiplier, 3) for each in simulation.actuators if each.kind == kind]
 
 
 def kept_state(picture: Path) -> dict[str, list[float]] | None:
@@ -204,13 +214,12 @@ def difference(picture: Path, today: dict[str, list[float]]) -> str:
     kept = kept_state(picture) if picture.is_file() else None
     if kept is None:
         return f"{picture.name} is missing, or carries no state; {remedy}"
-    for name, tolerance in (("lengths_mm", LENGTH_MM), ("tensions_n", TENSION_N)):
-        if len(kept[name]) != len(today[name]) or not np.allclose(
-            kept[name], today[name], rtol=0.0, atol=tolerance
-        ):
+    for name, tolerance in TOLERANCES.items():
+        then, now = kept.get(name, []), today[name]
+        if len(then) != len(now) or not np.allclose(then, now, rtol=0.0, atol=tolerance):
             return (
                 f"{picture.name} does not show {picture.stem} of today: "
-                f"{name} are {today[name]}, not {kept[name]}; {remedy}"
+                f"{name} are {now}, not {then}; {remedy}"
             )
     return ""
 

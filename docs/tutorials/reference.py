@@ -38,6 +38,9 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("joints", core.JointDescription),
     ("limits", core.JointLimits),
     ("cable", core.CableDescription),
+    ("chamber", core.ChamberDescription),
+    ("layers", core.LayerDescription),
+    ("fibres", core.FibresDescription),
     ("attachments", core.AttachmentDescription),
     ("rigid_bodies", core.RigidBodyDescription),
     ("shape", core.Shape),
@@ -74,16 +77,17 @@ def entry(title: str, thing: Callable[..., Any]) -> str:
     defaults = inspect.signature(thing).parameters
     for names, words in _described(text):
         shown = ", ".join(f"`{name}`" for name in names)
-        default = defaults[names[0]].default if names[0] in defaults else inspect.Parameter.empty
-        value = "" if default is inspect.Parameter.empty or "object at" in repr(default) else _short(default)
+        values = [_default(defaults[name]) for name in names if name in defaults]
+        value = ", ".join(dict.fromkeys(filter(None, values)))
         rows.append(f"| {shown} | {value} | {words} |")
     table = "\n".join(["| name | default | |", "|---|---|---|", *rows]) if rows else ""
     return "\n\n".join(filter(None, (f"### {title}", summary, table)))
 
 
-def _short(default: object) -> str:
-    text = repr(default)
-    return f"`{text}`" if len(text) <= 40 and "<" not in text else ""
+def _default(parameter: inspect.Parameter) -> str:
+    text = repr(parameter.default)
+    told = parameter.default is not inspect.Parameter.empty and len(text) <= 40 and "<" not in text
+    return f"`{text}`" if told else ""
 
 
 def _described(text: str) -> list[tuple[list[str], str]]:

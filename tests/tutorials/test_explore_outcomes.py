@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
+from softsim_core.arrays import Array
 
 
 def ran(
@@ -33,6 +34,13 @@ def go_on(simulation: Simulation, seconds: float, command: Sequence[float] | Non
 
 def sag_mm(simulation: Simulation) -> float:
     return float(-1e3 * (simulation.visual_points() - simulation.visual_rest_points)[:, 2].min())
+
+
+def tip_moved_mm(simulation: Simulation) -> Array:
+    """How far the end of the pneumatic finger has moved on average, by axis."""
+    rest = simulation.visual_rest_points
+    tip = rest[:, 0] > rest[:, 0].max() - 1e-6
+    return 1e3 * (simulation.visual_points() - rest)[tip].mean(axis=0)
 
 
 def material(body: str, young_modulus: float) -> dict[str, Any]:
@@ -110,3 +118,36 @@ def test_gripper_step_0_friction_holds_the_cube(friction: float, lifted: bool) -
     go_on(simulation, 1.5, [0.012, 0.012, 0.012, -0.05, 0])
     go_on(simulation, 1.5, [0.012, 0.012, 0.012, -0.02, 0])
     assert (simulation.rigid_poses[1].position[2] > -0.120) == lifted
+
+
+@pytest.mark.parametrize(("order", "expected_mm"), [(2, 7.0), (1, 1.1)])
+def test_pneu_step_1_linear_cells_lock(order: int, expected_mm: float) -> None:
+    simulation = ran("pneu_step_1", 2.0, overrides={"bodies": [{"name": "finger", "order": order}]})
+    assert sag_mm(simulation) == pytest.approx(expected_mm, abs=0.1)
+
+
+def test_pneu_step_2_air_alone_makes_it_longer_and_does_not_lift_it() -> None:
+    simulation = ran("pneu_step_2", 2.0)
+    before = tip_moved_mm(simulation)
+    after = tip_moved_mm(go_on(simulation, 2.0, [9e-7]))
+    np.testing.assert_allclose((after - before)[[0, 2]], [1.2, 0.0], atol=0.1)
+    assert simulation.joint_efforts[0] == pytest.approx(19e3, abs=500.0)
+
+
+@pytest.mark.parametrize(
+    ("volume", "height_mm", "pressure_kpa"), [(3e-7, 9.3, 21.3), (9e-7, 30.9, 53.6), (1.4e-6, 45.6, 75.1)]
+)
+def test_pneu_step_3_paper_and_thread_turn_growth_into_bending(
+    volume: float, height_mm: float, pressure_kpa: float
+) -> None:
+    simulation = ran("pneu_step_3", 2.5, [volume])
+    assert tip_moved_mm(simulation)[2] == pytest.approx(height_mm, abs=0.3)
+    assert 1e-3 * simulation.joint_efforts[0] == pytest.approx(pressure_kpa, abs=0.5)
+
+
+def test_pneu_step_4_one_chamber_bends_the_arm_and_three_stretch_it() -> None:
+    simulation = ran("pneu_step_4", 2.4)
+    rest = simulation.effector_pose.position
+    moved = [go_on(simulation, 2.4, simulation.robot.poses[pose]).effector_pose for pose in ("bent", "long")]
+    np.testing.assert_allclose(1e3 * (moved[0].position - rest), [-13.5, -0.3, -5.9], atol=0.3)
+    np.testing.assert_allclose(1e3 * (moved[1].position - rest), [0.0, 0.0, -9.9], atol=0.3)
