@@ -80,7 +80,7 @@ def test_chambers_bend_it_away_from_them_and_alike() -> None:
     np.testing.assert_allclose(np.linalg.norm(second - turn @ first), 0.0, atol=2e-5)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_place_of_the_tip_is_reached_by_three_volumes() -> None:
     pytest.importorskip("daqp")
     robot = load_scene("pneu_arm")
