@@ -98,7 +98,6 @@ class PairedCells:
         straining: Array | None = None,
         moved: Array | None = None,
         mean_share: float = 1.0,
-        pressed: Sequence[Array] = (),
     ) -> Array:
         """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
@@ -113,7 +112,6 @@ class PairedCells:
             straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
             moved: See fem.assembly.cell_stiffness.
             mean_share: See there.
-            pressed: Stiffness of the surfaces, see ActuatorGroup.surface_stiffness; none: it is left out.
         """
         x, kept = state.positions, self.pairs.blocks
         forces = np.zeros_like(x)
@@ -139,11 +137,23 @@ class PairedCells:
                 self._add(k, scale * stiffness[:, first, second])
             if straining is not None:
                 self._hold(k, state, scale, x + lag * velocities, forces)
-        for k, stiffness in enumerate(pressed):
-            np.add.at(
-                forces, self._surfaces[k].faces, -lag * _forces(stiffness, velocities, self._surfaces[k])
-            )
-            self._add(len(self._groups) + k, scale * stiffness[self._surfaces[k].taken])
+        return forces
+
+    def press(
+        self, stiffness: Sequence[Array], velocities: Array, lag: float = 0.0, scale: float = 1.0
+    ) -> Array:
+        """Add what actuators press on, after `fill`; returns the forces -lag K v in [N], shape (n, 3).
+
+        Args:
+            stiffness: Of each surface, see ActuatorGroup.surface_stiffness.
+            velocities: In [m/s], shape (n, 3).
+            lag: In [s].
+            scale: What the stiffness is multiplied by.
+        """
+        forces = np.zeros_like(velocities)
+        for k, (surface, of_faces) in enumerate(zip(self._surfaces, stiffness, strict=True)):
+            np.add.at(forces, surface.faces, -lag * _forces(of_faces, velocities, surface))
+            self._add(len(self._groups) + k, scale * of_faces[surface.taken])
         return forces
 
     def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:

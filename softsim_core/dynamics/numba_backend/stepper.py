@@ -215,7 +215,7 @@ class NumbaStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """One step; `moved`: see fem.assembly.cell_stiffness, `pressed`: see PairedCells.fill."""
+        """One step; `moved`: see fem.assembly.cell_stiffness, `pressed`: see PairedCells.press."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
@@ -226,16 +226,10 @@ class NumbaStepper:
         clear(data.work.factor)
         if data.cells.paired:
             external += data.cells.paired.fill(
-                state,
-                parameters.materials,
-                True,
-                model.dt * lag,
-                lag,
-                straining,
-                moved,
-                model.dt / lag,
-                pressed,
+                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
             )
+        if pressed:
+            external += data.cells.paired.press(pressed, straining, lag, model.dt * lag)
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
@@ -303,8 +297,10 @@ class NumbaStepper:
         if data.cells.paired:
             moved = None if tangent == CLAMPED else state.extra.get(MOVED)
             loads = loads + data.cells.paired.fill(
-                state, parameters.materials, tangent == CLAMPED, moved=moved, pressed=pressed
+                state, parameters.materials, tangent == CLAMPED, moved=moved
             )
+        if pressed:
+            data.cells.paired.press(pressed, np.zeros_like(loads))
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
