@@ -41,4 +41,4 @@ def test_one_mesh_is_measured_in_its_own_process() -> None:
     assert 0.0 < scale.factor_ms < scale.step_ms
     assert scale.splu_ms is not None
     assert scale.splu_ms > scale.factor_ms
-    assert 50.0 < scale.peak_mb < 1000.0  # with the compiler, where nothing was compiled before
+    assert 50.0 < scale.peak_mb < 2000.0  # some 220, and 1050 where the kernels are compiled in that process
