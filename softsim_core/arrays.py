@@ -52,3 +52,9 @@ def _fits(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
     return len(given) == len(wanted) and all(
         want in (-1, have) for have, want in zip(given, wanted, strict=True)
     )
+
+
+def unique_pairs(pairs: IndexArray) -> IndexArray:
+    """The distinct rows of `pairs` (k, 2), numbers >= 0, in ascending order, shape (u, 2)."""
+    span = int(pairs[:, 1].max(initial=0)) + 1
+    return np.stack(np.divmod(np.unique(pairs[:, 0] * span + pairs[:, 1]), span), axis=1)

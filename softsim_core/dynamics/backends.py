@@ -10,7 +10,7 @@ from softsim_core.dynamics import Backend
 from softsim_core.dynamics.scipy_backend import ScipyStepper
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.errors import SceneError
-from softsim_core.linalg.solvers import AUTO, COMPILED, linear_solver
+from softsim_core.linalg.solvers import AUTO, COMPILED, ITERATIVE, linear_solver
 from softsim_core.mechanics.model import Model
 
 
@@ -29,7 +29,7 @@ def make_stepper(
         SceneError: no such solver, one that does not go with the backend, or Numba is missing.
     """
     actuators = actuators if actuators is not None else Actuators()
-    chosen, compiled = linear_solver(solver), solver in (AUTO, COMPILED)
+    chosen, compiled = linear_solver(solver), solver in (AUTO, COMPILED, ITERATIVE)
     if backend == "numba" and not compiled:
         raise SceneError(
             f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"
@@ -38,7 +38,7 @@ def make_stepper(
         try:
             from softsim_core.dynamics.numba_backend.stepper import NumbaStepper
 
-            return NumbaStepper(model, actuators)
+            return NumbaStepper(model, actuators, None if solver == AUTO else solver == ITERATIVE)
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
                 raise

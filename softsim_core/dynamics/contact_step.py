@@ -36,6 +36,9 @@ MOST_PASSES = 10
 """Times that the contacts of a step are solved at most."""
 RUNAWAY_SIZES = 100.0
 """What goes farther than this many times the size of the scene within one step has run away."""
+MOST_ROUNDS = 10
+"""Solutions of the contacts of a pass at most, where what forces do is known approximately only."""
+
 _SHORT = 0.95
 """Share of the way to the first passing at which contacts are linearised anew."""
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
@@ -244,23 +247,34 @@ class ContactStepper(StepperAround):
         gap = np.append(motion.violations[:acting], touching.gap)
         gap -= compliance[:, :acting] @ multipliers
         lower, upper = self.actuators.bounds(control.targets)
-        solution = solve_contacts(
-            compliance,
-            gap,
-            (lower[:acting], upper[:acting]),
-            touching.friction,
-            np.append(multipliers, touching.first_forces(warm_start)),
-            touching.settings.iterations,
-            touching.settings.tolerance,
-        )
-        forces = solution.forces[acting:]
-        watch.mark("forces")
-        if reaches:
+        first = np.append(multipliers, touching.first_forces(warm_start))
+        wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
+        for _ in range(MOST_ROUNDS):
+            solution = solve_contacts(
+                compliance,
+                gap + wrong,
+                (lower[:acting], upper[:acting]),
+                touching.friction,
+                first,
+                touching.settings.iterations,
+                touching.settings.tolerance,
+            )
+            first, forces = solution.forces, solution.forces[acting:]
+            watch.mark("forces")
+            if not reaches:
+                break
             assert not isinstance(motion, Uncorrected)
-            more = solution.forces[:acting] - multipliers
             velocities = state.rigid_velocities.copy()
-            report = motion.correct(h * np.append(more, forces))
+            report = motion.correct(h * np.append(first[:acting] - multipliers, forces))
             state.rigid_velocities = velocities
+            watch.mark("correct")
+            if motion.defect is None:
+                break
+            before_it, wrong = wrong, np.append(np.zeros(acting), h * motion.defect)
+            off = float(np.abs(wrong - before_it).max(initial=0.0))
+            if off <= touching.settings.tolerance:
+                break
+            solution = solution._replace(residual=max(solution.residual, off))
         if model.rigid.names:
             state.rigid_velocities += (h * (forces @ moves)).reshape(-1, 6)
             model.rigid.advance(state, before, h)

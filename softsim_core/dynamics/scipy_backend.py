@@ -249,6 +249,8 @@ class _Solved:
 class ScipyFreeMotion:
     """See FreeMotion."""
 
+    defect: Array | None = None
+
     def __init__(self, model: Model, at: Unknowns, solved: _Solved, before: State) -> None:
         self.state, self.before, self.report = solved.state, before, solved.report
         self.violations = solved.violations

@@ -10,6 +10,7 @@ PART_OF: Final = {
     "controllers": "step",
     "assemble": "step",
     "factor": "step",
+    "iterate": "step",
     "solve": "step",
     "update": "step",
     "detect": "step",

@@ -124,12 +124,15 @@ class FreeMotion(Protocol):
         report: Of the step.
         violations: Constraint violations s - q + c t of the actuators that the step left to first order,
             shape (c,).
+        defect: After `correct`, where `compliance` is approximate: how much faster in [m/s] the rows end, but
+            those of actuators, than it says, shape (r,); None: it is exact.
     """
 
     state: State
     before: State
     report: StepReport
     violations: Array
+    defect: Array | None
 
     def compliance(self, rows: Rows) -> Array:
         """H A^-1 H^T of the step's matrix, prescribed joints held, in [1/kg], shape (c + r, c + r).

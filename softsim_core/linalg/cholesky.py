@@ -100,10 +100,14 @@ def widest(tree: Tree) -> int:
 
 @kernel
 def factor(tree: Tree, store: Factor) -> None:
-    """Factor all panels and solve forward; those of the dense unknowns end in store.schur."""
+    """Factor all panels and solve forward; those of the dense unknowns end in store.schur.
+
+    All arrays of the store are of one type, float64 or float32.
+    """
     panels, stack = store.panels, store.stack
     size = len(tree.columns)
-    coefficients, strips = np.zeros(ROWS * ROWS), np.empty(strips_length(widest(tree)))
+    coefficients = np.zeros(ROWS * ROWS, panels.dtype)
+    strips = np.empty(strips_length(widest(tree)), panels.dtype)
     for s in range(size):
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
         pitch, top, side = width - later, tree.update[s], tree.side[s]
@@ -170,12 +174,13 @@ def forward_rows(
 ) -> None:
     """Y = L^-1 H^T in place, the rows of the border H_b^T - A_bi A^-1 H^T; -Y^T Y, upper triangle.
 
-    A supernode's panel rows and its rows of Y are put side by side in `space`, where tiles find both.
+    A supernode's panel rows and its rows of Y are put side by side in `space`, where tiles find both. All are
+    of one type, float64 or float32.
     """
     panels, rows, pitch = store.panels, spread.reshape(-1), spread.shape[1]
     goal = product.reshape(-1)
     product[:] = 0.0
-    coefficients = np.zeros(ROWS * ROWS)
+    coefficients = np.zeros(ROWS * ROWS, panels.dtype)
     for s in range(len(tree.columns)):
         low, high = spans[s, 0], spans[s, 1]
         if low >= high:

@@ -89,7 +89,11 @@ def column_counts(
     return counts
 
 
-def factor_flops(graph: tuple[IndexArray, IndexArray], order: IndexArray) -> float:
-    """Multiplications and additions of a Cholesky factorisation with 3 x 3 blocks in that order of nodes."""
-    counts = column_counts(*graph, order, elimination_tree(*graph, order))
-    return 27.0 * float(((counts + 1.0) ** 2).sum())
+def factor_cost(graph: tuple[IndexArray, IndexArray], order: IndexArray) -> tuple[float, float]:
+    """What a Cholesky factor with 3 x 3 blocks takes in that order of nodes.
+
+    Returns:
+        Multiplications and additions, and the numbers that it has.
+    """
+    counts = column_counts(*graph, order, elimination_tree(*graph, order)) + 1.0
+    return 27.0 * float((counts**2).sum()), 9.0 * float(counts.sum())

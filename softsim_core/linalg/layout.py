@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import IndexArray
 from softsim_core.linalg.symbolic import Plan
+
+Numbers: TypeAlias = NDArray[Any]
+"""float64 or float32 array; all arrays of a Factor that kernels get are of one type."""
 
 
 class Tree(NamedTuple):
@@ -39,11 +43,11 @@ class Factor(NamedTuple):
         gathered: One panel row's unknowns.
     """
 
-    panels: Array
-    stack: Array
-    schur: Array
-    solution: Array
-    gathered: Array
+    panels: Numbers
+    stack: Numbers
+    schur: Numbers
+    solution: Numbers
+    gathered: Numbers
 
 
 def tree_of(plan: Plan) -> Tree:
@@ -51,14 +55,14 @@ def tree_of(plan: Plan) -> Tree:
     return Tree(**{name: getattr(plan, name) for name in Tree._fields})
 
 
-def empty_factor(plan: Plan, dense: int) -> Factor:
-    """Room for a matrix with that plan and so many dense unknowns."""
+def empty_factor(plan: Plan, dense: int, kind: type[np.floating[Any]] = np.float64) -> Factor:
+    """Room for a matrix with that plan and so many dense unknowns, in numbers of one type."""
     return Factor(
-        panels=np.zeros(plan.panel[-1]),
-        stack=np.zeros(plan.stack_size),
-        schur=np.zeros((dense, dense + 1)),
-        solution=np.zeros(3 * len(plan.position) + dense),
-        gathered=np.zeros(int(plan.width.max(initial=1))),
+        panels=np.zeros(plan.panel[-1], kind),
+        stack=np.zeros(plan.stack_size, kind),
+        schur=np.zeros((dense, dense + 1), kind),
+        solution=np.zeros(3 * len(plan.position) + dense, kind),
+        gathered=np.zeros(int(plan.width.max(initial=1)), kind),
     )
 
 

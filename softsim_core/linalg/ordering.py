@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 from softsim_core.arrays import IndexArray
 from softsim_core.linalg.dissection import nested_dissection
-from softsim_core.linalg.elimination import factor_flops
+from softsim_core.linalg.elimination import factor_cost
 
 LARGE = 4000
 """Graphs of more nodes are dissected without a look at minimum degree, which takes longer than it gains."""
@@ -20,7 +20,7 @@ def elimination_order(graph: tuple[IndexArray, IndexArray]) -> IndexArray:
     if not 0 < len(dissected) <= LARGE:
         return dissected
     greedy = minimum_degree(graph)
-    return greedy if factor_flops(graph, greedy) <= factor_flops(graph, dissected) else dissected
+    return greedy if factor_cost(graph, greedy)[0] <= factor_cost(graph, dissected)[0] else dissected
 
 
 def minimum_degree(graph: tuple[IndexArray, IndexArray]) -> IndexArray:

@@ -30,16 +30,21 @@ ROWS = 4
 """Rows that one tile updates at once; LANES is a multiple of it."""
 
 cgutils: Any = numba_cgutils
-_DOUBLE = ir.DoubleType()
+_DOUBLE, _SINGLE = ir.DoubleType(), ir.FloatType()
 _FAST = ("contract", "reassoc", "nsz")
 
 
 class Vectors:
-    """Vector loads, stores and arithmetic on float64 arrays, in the words of one intrinsic."""
+    """Vector loads, stores and arithmetic on arrays of one type, in the words of one intrinsic.
 
-    def __init__(self, context: Any, builder: Any, lanes: int) -> None:
+    `array`: type of the arrays, float64 or float32; None: float64.
+    """
+
+    def __init__(self, context: Any, builder: Any, lanes: int, array: Any = None) -> None:
         self.context, self.builder = context, builder
-        self.type = ir.VectorType(_DOUBLE, lanes)
+        single = array is not None and array.dtype == types.float32
+        self.element, self.align = (_SINGLE, 4) if single else (_DOUBLE, 8)
+        self.type = ir.VectorType(self.element, lanes)
         self._zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
 
     def data(self, array_type: Any, value: Any) -> Any:
@@ -52,11 +57,11 @@ class Vectors:
 
     def load(self, address: Any) -> Any:
         """Vector that starts at `address`, aligned like a single number."""
-        return self.builder.load(self.builder.bitcast(address, self.type.as_pointer()), align=8)
+        return self.builder.load(self.builder.bitcast(address, self.type.as_pointer()), align=self.align)
 
     def store(self, vector: Any, address: Any) -> None:
         """Write a vector to `address`."""
-        self.builder.store(vector, self.builder.bitcast(address, self.type.as_pointer()), align=8)
+        self.builder.store(vector, self.builder.bitcast(address, self.type.as_pointer()), align=self.align)
 
     def splat(self, number: Any) -> Any:
         """Vector of one number."""
@@ -116,7 +121,7 @@ def _tile(vectors: int) -> Any:
         signature = types.void(target, types.int64, types.int64, source, *(types.int64,) * 4)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            v = Vectors(context, builder, LANES)
+            v = Vectors(context, builder, LANES, target)
             out, values = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
             _, place, stride, _, a, b, pitch, count = args
             integer = place.type
@@ -163,7 +168,7 @@ def solve_rows(typing: Any, array: Any, place: Any, stride: Any, coefficients: A
     signature = types.void(array, types.int64, types.int64, coefficients, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        v = Vectors(context, builder, LANES)
+        v = Vectors(context, builder, LANES, array)
         values, numbers = v.data(signature.args[0], args[0]), v.data(signature.args[3], args[3])
         _, place, stride, _, length = args
         integer = place.type
@@ -193,7 +198,7 @@ def add_to(typing: Any, target: Any, place: Any, source: Any, start: Any, count:
     signature = types.void(target, types.int64, source, types.int64, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        out = Vectors(context, builder, 4)
+        out = Vectors(context, builder, 4, target)
         goal = out.at(out.data(signature.args[0], args[0]), args[1])
         data = out.at(out.data(signature.args[2], args[2]), args[3])
         count = args[4]

@@ -6,7 +6,7 @@ from typing import Final
 
 from softsim_core.linalg.linear_solver import LinearSolver
 from softsim_core.linalg.superlu import SuperLU
-from softsim_core.linalg.supernodal import Supernodal
+from softsim_core.linalg.supernodal import Iterative, Supernodal
 from softsim_core.registry import Registry
 
 AUTO: Final = "auto"
@@ -15,8 +15,11 @@ AUTO: Final = "auto"
 COMPILED: Final = Supernodal.name
 """The solver that the compiled step is one with."""
 
+ITERATIVE: Final = Iterative.name
+"""Conjugate gradients in the compiled step."""
+
 _DEFAULT: Final = SuperLU.name
-_solvers: Registry[LinearSolver] = Registry("linear solver", Supernodal(), SuperLU())
+_solvers: Registry[LinearSolver] = Registry("linear solver", Supernodal(), Iterative(), SuperLU())
 
 
 def register_linear_solver(solver: LinearSolver) -> None:

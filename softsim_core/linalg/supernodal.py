@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.errors import SceneError
 from softsim_core.linalg.linear_solver import Factors, Pattern, Rows, SolverPlan, spread_of
 from softsim_core.linalg.superlu import SuperLUFactors, factorised
@@ -32,6 +32,12 @@ class Supernodal:
             raise SceneError(
                 "linear solver supernodal needs the package numba: pip install numba, or use superlu"
             ) from error
+
+
+class Iterative(Supernodal):
+    """What a scene names for conjugate gradients in the compiled step; single matrices are factored."""
+
+    name = "iterative"
 
 
 class _Slots(NamedTuple):
@@ -57,10 +63,10 @@ class SupernodalPlan:
         self.count = -(-self.sparse // 3)
         rows, columns = pattern.rows, pattern.columns()
         inside = (rows < self.sparse) & (columns < self.sparse)
-        edges = np.unique(np.stack([rows[inside] // 3, columns[inside] // 3], axis=1), axis=0)
+        edges = unique_pairs(np.stack([rows[inside] // 3, columns[inside] // 3], axis=1))
         beside = (rows < self.sparse) & (columns >= self.sparse)
         pairs = np.stack([rows[beside] // 3, columns[beside] - self.sparse], axis=1)
-        layout = plan(self.count, edges, np.unique(pairs, axis=0), pattern.dense, LANES, ROWS)
+        layout = plan(self.count, edges, unique_pairs(pairs), pattern.dense, LANES, ROWS)
         self.tree, self.store = tree_of(layout), empty_factor(layout, pattern.dense)
         blocks, axes = np.divmod(np.arange(3 * self.count), 3)
         self.place = np.empty(self.count * 3 + pattern.dense, dtype=np.int64)  # by unknown, pads included

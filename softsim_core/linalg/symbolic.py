@@ -94,7 +94,13 @@ class Plan:
 
 
 def plan(
-    count: int, edges: IndexArray, border_edges: IndexArray, border_size: int, lanes: int, tile_rows: int
+    count: int,
+    edges: IndexArray,
+    border_edges: IndexArray,
+    border_size: int,
+    lanes: int,
+    tile_rows: int,
+    order: IndexArray | None = None,
 ) -> Plan:
     """Plan the elimination of `count` free nodes.
 
@@ -105,9 +111,10 @@ def plan(
         border_size: Number of border unknowns.
         lanes: Rows are padded to a multiple of it.
         tile_rows: The number of rows is padded to a multiple of it.
+        order: Free nodes in an order in which they are to be eliminated, shape (f,); None: a good one.
     """
     graph = graph_of(count, edges)
-    order = elimination_order(graph)
+    order = elimination_order(graph) if order is None else order
     order = order[postordered(elimination_tree(*graph, order))]
     tree = elimination_tree(*graph, order)
     border = np.zeros((count, border_size), dtype=np.bool_)
@@ -235,9 +242,9 @@ def _lay_out(
     last = placed[(first_column + columns) // 3 - 1]
     first_row = np.concatenate([[0], np.cumsum(coupled)])
     row_index = row_unknowns(*graph, order[placed], position, border[last], columns, parent, first_row)
-    later, side = _padded(columns, lanes), coupled + 1
-    width = later + _padded(side, lanes)
-    panel = np.concatenate([[0], np.cumsum(_padded(columns, tile_rows) * width)])
+    later, side = padded(columns, lanes), coupled + 1
+    width = later + padded(side, lanes)
+    panel = np.concatenate([[0], np.cumsum(padded(columns, tile_rows) * width)])
     supernode = np.repeat(np.arange(size), columns // 3)[position]
     local = 3 * position - first_column[supernode]
     update = np.zeros(size, dtype=np.int64)
@@ -254,7 +261,7 @@ def _lay_out(
         width=width,
         panel=panel,
         update=update,
-        stack_size=_plan_stack(_padded(side, tile_rows) * (width - later), child_lists, update),
+        stack_size=_plan_stack(padded(side, tile_rows) * (width - later), child_lists, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
         first_run=first_run,
@@ -351,7 +358,7 @@ def runs_of(
     return first_run, runs[:height].copy()
 
 
-def _padded(length: Any, multiple: int) -> Any:
+def padded(length: Any, multiple: int) -> Any:
     """The next multiple of `multiple` not below `length` (a number or an array)."""
     return length + (-length) % multiple
 

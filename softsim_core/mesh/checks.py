@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.errors import MeshError
 from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import TetMesh
@@ -77,7 +77,7 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     _refuse_unused_nodes(mesh)
     _refuse_repeated_elements(mesh)
     volumes = tet_volumes(mesh.points, tets)
-    edges = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0)
+    edges = unique_pairs(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1))
     lengths = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
     _refuse_zero_volumes(mesh, volumes)
     inside = tet_volumes(mesh.points, subdivided(mesh).tets).reshape(m, -1)

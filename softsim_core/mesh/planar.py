@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, IndexArray, unique_pairs
 
 _TIE = 1.0e-9  # relative; decides equal lengths the same way on every machine
 
@@ -85,7 +85,7 @@ def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 2
     Returns:
         New coordinates, shape (n, 2).
     """
-    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    edges = unique_pairs(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     start = np.concatenate([edges[:, 0], edges[:, 1]])
     end = np.concatenate([edges[:, 1], edges[:, 0]])
     degree = np.bincount(start, minlength=len(points))[:, None]

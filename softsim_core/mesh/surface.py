@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray, unique_pairs
 from softsim_core.errors import MeshError
 from softsim_core.mesh.quadratic import subdivided
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
@@ -96,7 +96,7 @@ def is_closed(triangles: IndexArray) -> bool:
 
 def euler_number(triangles: IndexArray) -> int:
     """Vertices minus edges plus faces; 2 for a ball, 0 for a piece with one hole."""
-    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    edges = unique_pairs(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     return len(np.unique(triangles)) - len(edges) + len(triangles)
 
 

@@ -49,8 +49,8 @@ SPLU_SIZES = QUICK_SIZES
 
 LEAD_IN_STEPS, MOST_STEPS, ENOUGH_S = 2, 30, 6.0
 HEAD = (
-    "shape", "size", "nodes", "tets", "plan s", "step ms", "factor ms", "splu ms", "nnz(L)", "Gflop",
-    "Gflop/s", "peak MB", "exponent",
+    "shape", "size", "nodes", "tets", "plan s", "step ms", "solve ms", "iterations", "splu ms", "nnz(L)",
+    "Gflop", "peak MB", "exponent",
 )  # fmt: skip
 
 
@@ -67,7 +67,8 @@ class Scale:
         nodes, elements: Of the mesh.
         plan_s: Processor time in [s] of planning the elimination of its free nodes.
         step_ms: Shortest processor time of a step in [ms].
-        factor_ms: The factorisation's share of that in [ms], by the median of its shares.
+        solve_ms: Share of factorisation or iteration of that in [ms], by the median of its shares.
+        iterations: Of conjugate gradients, median of the steps; 0: each step factors.
         splu_ms: Shortest processor time of SuperLU on the matrix of the step in [ms]; None: not measured.
         factor_entries: Numbers in the factor.
         flops: Multiplications and additions of the factorisation.
@@ -80,7 +81,8 @@ class Scale:
     elements: int
     plan_s: float
     step_ms: float
-    factor_ms: float
+    solve_ms: float
+    iterations: int
     splu_ms: float | None
     factor_entries: int
     flops: float
@@ -117,12 +119,14 @@ def measure_scale(shape: str, size: str) -> Scale:
         simulation.step()
     steps: list[float] = []
     shares: list[float] = []
+    iterations: list[int] = []
     while len(steps) < MOST_STEPS and sum(steps) < 1e3 * ENOUGH_S:
         started = process_time()
         simulation.step()
         steps.append(1e3 * (process_time() - started))
         stages = simulation.stage_times
-        shares.append(stages["factor"] / stages["step"])
+        shares.append(stages["factor" if "factor" in stages else "iterate"] / stages["step"])
+        iterations.append(simulation.report.iterations)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
     plan_s, entries, flops = planned(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
@@ -134,6 +138,7 @@ def measure_scale(shape: str, size: str) -> Scale:
         plan_s,
         min(steps),
         min(steps) * float(np.median(shares)),
+        int(np.median(iterations)),
         min(splu, default=None),
         entries,
         flops,
@@ -205,11 +210,11 @@ def scaling_table(scales: Iterable[Scale]) -> list[str]:
                 str(each.elements),
                 f"{each.plan_s:.2f}",
                 f"{each.step_ms:.1f}",
-                f"{each.factor_ms:.1f}",
+                f"{each.solve_ms:.1f}",
+                str(each.iterations or "-"),
                 "-" if each.splu_ms is None else f"{each.splu_ms:.1f}",
                 f"{each.factor_entries / 1e6:.2f} M",
                 f"{each.flops / 1e9:.3f}",
-                f"{each.flops / 1e6 / each.factor_ms:.1f}",
                 f"{each.peak_mb:.0f}",
                 exponent,
             )

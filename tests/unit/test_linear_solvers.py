@@ -32,7 +32,7 @@ def solver(request: pytest.FixtureRequest) -> str:
 
 
 def test_every_registered_solver_is_tested() -> None:
-    assert set(REGISTERED) == {"supernodal", "superlu"}
+    assert set(REGISTERED) == {"supernodal", "iterative", "superlu"}
 
 
 def random_matrix(nodes: int, dense: int, rng: np.random.Generator, scalars: int = 0) -> sp.csc_matrix:
@@ -147,7 +147,9 @@ def test_singular_and_infinite_matrices_raise_the_typed_error(solver: str, where
 
 def test_names() -> None:
     assert linear_solver(AUTO).name in linear_solver_names()
-    with pytest.raises(SceneError, match="unknown linear solver 'none'; known: supernodal, superlu"):
+    with pytest.raises(
+        SceneError, match="unknown linear solver 'none'; known: supernodal, iterative, superlu"
+    ):
         linear_solver("none")
     with pytest.raises(SceneError, match="linear solver 'superlu' is the package's own"):
         register_linear_solver(SuperLU())
@@ -170,7 +172,7 @@ def test_a_scene_chooses_by_name(solver: str, small: Any) -> None:
 def test_a_wrong_choice_is_refused_in_a_sentence(small: Any) -> None:
     from softsim_core import Simulation
 
-    with pytest.raises(SceneError, match="linear_solver must be one of auto, supernodal, superlu"):
+    with pytest.raises(SceneError, match="linear_solver must be one of auto, supernodal, iterative, superlu"):
         small("quick")
     with pytest.raises(SceneError, match="backend numba is one with the linear solver supernodal"):
         Simulation(small("superlu"), "numba")

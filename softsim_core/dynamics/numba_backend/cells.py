@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.dynamics.numba_backend.batches import in_lanes
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.dynamics.numba_backend.elements import assemble_free, assemble_mixed, von_mises_stress
@@ -124,12 +124,11 @@ def couplings(
     regions = model.region_of_node[pairs]
     edges = local[pairs[(regions == FREE).all(axis=1)]]
     beside = pairs[(regions[:, 0] == FREE) & (regions[:, 1] >= 0)]
-    touching = np.unique(np.stack([local[beside[:, 0]], model.region_of_node[beside[:, 1]]], axis=1), axis=0)
+    touching = unique_pairs(np.stack([local[beside[:, 0]], model.region_of_node[beside[:, 1]]], axis=1))
     reduced = {
         (node, b) for node, region in touching.tolist() for b in model.regions[region].reduced.tolist()
     }
-    unique = np.unique(edges, axis=0) if len(edges) else np.zeros((0, 2), dtype=np.int64)
-    return unique, np.array(sorted(reduced), dtype=np.int64).reshape(-1, 2)
+    return unique_pairs(edges), np.array(sorted(reduced), dtype=np.int64).reshape(-1, 2)
 
 
 def _elements(

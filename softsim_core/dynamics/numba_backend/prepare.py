@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.actuation.compiled.kinds import CompiledKinds, compiled_kinds
 from softsim_core.actuation.joint_drive import drive_stiffness
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
 from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Nodes, Work
 from softsim_core.linalg.layout import Tree, empty_factor, tree_of
-from softsim_core.linalg.simd import LANES, ROWS
-from softsim_core.linalg.symbolic import Plan, plan
+from softsim_core.linalg.simd import LANES
+from softsim_core.linalg.symbolic import Plan
 from softsim_core.mechanics.model import FREE, Model
 from softsim_core.mechanics.state import MOVED
 
@@ -37,8 +38,12 @@ class Prepared(NamedTuple):
     work: Work
 
 
-def prepare(model: Model, actuators: Actuators) -> Prepared:
-    """Plan the elimination and lay out all arrays."""
+LayOut: TypeAlias = Callable[[int, IndexArray, IndexArray, int], Plan]
+"""Plans panels for a number of free nodes, their couplings, those with reduced coordinates, and how many."""
+
+
+def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
+    """Plan the panels and lay out all arrays."""
     kinds, compiled = compiled_kinds(actuators)
     rows = _rows(model, actuators, compiled)
     local = np.full(len(model.rest), -1, dtype=np.int64)
@@ -49,7 +54,7 @@ def prepare(model: Model, actuators: Actuators) -> Prepared:
     edges = np.concatenate([edges, taut_edges])
     beside = np.concatenate([beside, _pulled(model, rows, local), taut_beside])
     reduced_size = model.reduced_size + len(rows.joint)
-    layout = plan(len(model.free_nodes), edges, beside, reduced_size, LANES, ROWS)
+    layout = lay_out(len(model.free_nodes), edges, beside, reduced_size)
     nodes = _nodes(model, layout, reduced_size)
     work = _work(model, layout, reduced_size)
     return Prepared(
@@ -68,7 +73,7 @@ def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
     on_node = rows.place < len(model.rest)
     pairs = np.stack([local[rows.place[on_node]], model.reduced_size + owner[on_node]], axis=1)
-    return np.unique(pairs[pairs[:, 0] >= 0], axis=0)
+    return unique_pairs(pairs[pairs[:, 0] >= 0])
 
 
 def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[IndexArray, IndexArray]:

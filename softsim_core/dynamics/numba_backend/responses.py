@@ -27,7 +27,12 @@ class Responses:
     Args:
         model, actuators: What moves, and what moves it.
         prepared: The arrays of its stepper.
+
+    Attributes:
+        defect: See FreeMotion.
     """
+
+    defect: Array | None = None
 
     def __init__(self, model: Model, actuators: Actuators, prepared: Prepared) -> None:
         self.model, self.actuators, self.prepared = model, actuators, prepared
@@ -74,11 +79,10 @@ class Responses:
         model, data, acting = self.model, self.prepared, len(self.actuators)
         change = self._answer @ impulses
         free = state.joint_positions.copy()
-        placed = np.zeros(self._spread.shape[1])
-        placed[self._column] = impulses[acting:]
+        placed, spread = self._reach(impulses[acting:])
         speed = self._apply(
             motion_of(state), motion_of(before), placed, np.concatenate([change, -impulses[:acting]]),
-            model.dt, data.kinematics, data.nodes, data.rows, data.kinds, data.tree, data.work, self._spread,
+            model.dt, data.kinematics, data.nodes, data.rows, data.kinds, data.tree, data.work, spread,
             self._spans,
         )  # fmt: skip
         if len(free):
@@ -114,6 +118,12 @@ class Responses:
             self._spans, room, product, result,
         )  # fmt: skip
         return result
+
+    def _reach(self, impulses: Array) -> tuple[Array, Array]:
+        """Impulses (r,) by the column in which each row stands, and these columns of L^-1 H^T."""
+        placed = np.zeros(self._spread.shape[1])
+        placed[self._column] = impulses
+        return placed, self._spread
 
     def _columns(self, rows: Rows) -> IndexArray:
         """Where each row stands: rows of one body side by side, so that supernodes meet few of them."""

@@ -1,7 +1,7 @@
-"""The fast time step: compiled assembly into the panels of a supernodal multifrontal Cholesky factorisation.
+"""The fast time step: compiled assembly, elimination of the free nodes, and motion.
 
-One step is one compiled call (assemble, factor, finish); everything that does not change is planned once.
-It computes what scipy_step computes, to rounding.
+Everything that does not change is planned once. With a factor a step is one compiled call, and computes what
+scipy_step computes, to rounding; by iteration, to a tolerance in metres.
 """
 
 from __future__ import annotations
@@ -12,171 +12,48 @@ from dataclasses import replace
 import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
-from softsim_core.actuation.compiled.kinds import CompiledKinds
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.free_turning import FreeTurning
-from softsim_core.dynamics.numba_backend.actuator_rows import (
-    add_rows,
-    add_stiffness,
-    hold_rows,
-    report_rows,
-)
-from softsim_core.dynamics.numba_backend.cells import assemble_cells
-from softsim_core.dynamics.numba_backend.compile import kernel
-from softsim_core.dynamics.numba_backend.elements import CLAMPED, EXACT, FROZEN, assemble_nodes
+from softsim_core.dynamics.numba_backend.direct import DirectElimination
+from softsim_core.dynamics.numba_backend.elements import CLAMPED, EXACT
+from softsim_core.dynamics.numba_backend.elimination import IterationError
 from softsim_core.dynamics.numba_backend.inversion import count_inverted, oriented
-from softsim_core.dynamics.numba_backend.kinematics import (
-    advance_reduced,
-    jacobians,
-    motion_subspace,
-    place_regions,
-    slides,
-)
-from softsim_core.dynamics.numba_backend.layout import (
-    ActuatorRows,
-    ActuatorStiffness,
-    Cells,
-    Kinematics,
-    Motion,
-    Nodes,
-    Work,
-)
-from softsim_core.dynamics.numba_backend.prepare import prepare
-from softsim_core.dynamics.numba_backend.reduced import eliminate_reduced, solve_reduced
+from softsim_core.dynamics.numba_backend.layout import ActuatorStiffness, Motion
+from softsim_core.dynamics.numba_backend.planning import planned_elimination
 from softsim_core.dynamics.numba_backend.responses import Responses, motion_of
 from softsim_core.dynamics.numba_backend.tangent import assemble_tangent
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
 from softsim_core.kernels import OneSignature
-from softsim_core.linalg.cholesky import factor, solve_backward
-from softsim_core.linalg.layout import Tree, clear
-from softsim_core.linalg.simd import steady_seconds
+from softsim_core.linalg.cholesky import factor
+from softsim_core.linalg.layout import clear
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, no_rows
 from softsim_core.mechanics.state import MOVED, State
 
-
-@kernel
-def assemble(
-    motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
-    kinematics: Kinematics, cells: Cells, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds,
-    stiffness: ActuatorStiffness, tree: Tree, work: Work,
-) -> None:  # fmt: skip
-    """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
-    x, v = motion.positions, motion.velocities
-    motion_subspace(motion, kinematics, work)
-    jacobians(motion, nodes, work)
-    work.forces[:, :3] = external
-    for n in range(len(x)):
-        for i in range(3):
-            work.ahead[n, i] = x[n, i] + lag * straining[n, i]
-    assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
-    assemble_nodes(v, h, rayleigh_mass, nodes, work)
-    add_rows(h, motion, kinematics, rows, kinds, nodes, tree, work)
-    add_stiffness(stiffness, straining, motion.reduced_velocities, nodes, tree, work)
-
-
-@kernel
-def finish(
-    motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
-    kinematics: Kinematics, tree: Tree, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, work: Work,
-) -> float:  # fmt: skip
-    """Solve reduced and interior, advance, report joint efforts; returns the largest speed, or NaN."""
-    joints, velocities = len(motion.joint_positions), motion.reduced_velocities
-    size, right = len(velocities), len(work.factor.schur)
-    first = size - joints
-    known = np.zeros(size, dtype=np.bool_)
-    change = work.factor.solution[3 * len(nodes.free) :]
-    for j in range(joints):
-        b, stiffness = first + j, kinematics.stiffness[j]
-        gap = targets[j] - motion.joint_positions[j]
-        work.factor.schur[b, b] += kinematics.inertia[j] + h * lag * stiffness
-        work.factor.schur[b, right] += h * stiffness * (gap - lag * velocities[b])
-        if stiffness == 0.0:
-            known[b] = True
-            change[b] = gap / h - velocities[b]
-    for c in range(len(rows.joint)):
-        change[first + rows.joint[c]] = 0.0  # moves no frame
-    eliminate_reduced(work.factor.schur, known, change, work.scratch)
-    hold_rows(h, targets, lower, upper, change, size, rows, work.scratch)
-    solve_reduced(known, change, work.scratch)
-    solve_backward(tree, work.factor)
-    speed, finite = 0.0, True
-    for f in range(len(nodes.free)):
-        node, place = nodes.free[f], nodes.unknown[f]
-        for i in range(3):
-            motion.velocities[node, i] += work.factor.solution[place + i]
-            motion.positions[node, i] += h * motion.velocities[node, i]
-            speed = max(speed, abs(motion.velocities[node, i]))
-            finite = finite and motion.velocities[node, i] == motion.velocities[node, i]
-    for j in range(joints):
-        b = first + j
-        if known[b]:
-            impulse = -work.factor.schur[b, right]
-            for a in range(right):
-                impulse += (work.factor.schur[a, b] if a < b else work.factor.schur[b, a]) * change[a]
-            motion.joint_efforts[j] = impulse / h
-    for b in range(size):
-        velocities[b] += change[b]
-        if slides(b, motion, kinematics):
-            speed = max(speed, abs(velocities[b]))
-        finite = finite and velocities[b] == velocities[b]
-    advance_reduced(h, motion)
-    motion.base_shift[0] = base_shift
-    for j in range(joints):
-        if known[first + j]:
-            motion.joint_positions[j] = targets[j]  # exactly, without rounding
-        else:
-            motion.joint_efforts[j] = kinematics.stiffness[j] * (targets[j] - motion.joint_positions[j])
-    place_regions(motion, kinematics, nodes, work)
-    report_rows(h, motion, kinematics, rows, kinds)
-    return speed if finite else np.nan
-
-
-@kernel
-def advance(
-    motion: Motion, straining: Array, external: Array, targets: Array, base_shift: float, lower: Array,
-    upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
-    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, stiffness: ActuatorStiffness, tree: Tree,
-    work: Work, corners: IndexArray,
-) -> tuple[float, int, float, float, float]:  # fmt: skip
-    """One whole step.
-
-    Returns:
-        The largest speed, how many of the elements `corners` (m, 4) are inside out, and the seconds for
-        assembly, factorisation and the rest.
-    """
-    started = steady_seconds()
-    assemble(
-        motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds, stiffness,
-        tree, work,
-    )  # fmt: skip
-    assembled = steady_seconds()
-    factor(tree, work.factor)
-    factored = steady_seconds()
-    speed = finish(
-        motion, targets, base_shift, lower, upper, h, lag, kinematics, tree, nodes, rows, kinds, work
-    )
-    inverted = count_inverted(motion.positions, corners)
-    return speed, inverted, assembled - started, factored - assembled, steady_seconds() - factored
-
-
 _NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
-
-STAGES = ("assemble", "factor", "solve")
-"""Stages of a step."""
 
 
 class NumbaStepper:
-    """Plan once, then step in one compiled call."""
+    """Plan once, then step in compiled code.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
+            Steps that need a factor even so, and static tangents, take it from a second stepper, which is
+            planned when it is first needed.
+    """
 
     name = "numba"
     compiled = True
 
-    def __init__(self, model: Model, actuators: Actuators) -> None:
+    def __init__(self, model: Model, actuators: Actuators, iterative: bool | None = None) -> None:
         self.model, self.actuators = model, actuators
-        self._prepared = prepare(model, actuators)
+        self._elimination = planned_elimination(model, actuators, iterative)
+        direct = isinstance(self._elimination, DirectElimination)
+        self._factoring: NumbaStepper | None = self if direct else None
+        self._prepared = self._elimination.prepared
         self._plain = actuators.spans()[1 if self._prepared.rows.compiled[0] else 0 :]
         self._corners = oriented(model)
         self._soft = bool(model.spring.any())
@@ -184,9 +61,8 @@ class NumbaStepper:
         self._weight = model.mass[:, None] * model.gravity
         self._tuned: tuple[list[list[float]], float, float] | None = None
         self._before, self._free, self._start = (model.empty_state() for _ in range(3))
-        self._responses = Responses(model, actuators, self._prepared)
-        self._advance, self._factor = OneSignature(advance), OneSignature(factor)
-        self._assemble_tangent = OneSignature(assemble_tangent)
+        self._responses = self._elimination.responses
+        self._factor, self._assemble_tangent = OneSignature(factor), OneSignature(assemble_tangent)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
@@ -219,6 +95,7 @@ class NumbaStepper:
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
+        self._responses = self._elimination.responses
         external = control.forces + self._weight
         straining = self._turning.straining(state.positions, state.velocities)
         if self._soft:
@@ -234,18 +111,24 @@ class NumbaStepper:
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
             data.rows.coefficient[entries] = group.coefficients(model, state)
-        speed, inverted, *seconds = self._advance(
-            motion_of(state), straining, external, control.targets, control.base_shift, *bounds, model.dt,
-            lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
-            data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
-            self._corners,
-        )  # fmt: skip
+        try:
+            speed, inverted, *seconds = self._elimination.advance(
+                motion_of(state), straining, external, control.targets, control.base_shift, *bounds, model.dt,
+                lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
+                data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
+                self._corners,
+            )  # fmt: skip
+        except IterationError:
+            factoring = self._with_factor()
+            report = factoring._step(state, control, parameters, moved, pressed)
+            self._responses = factoring._responses
+            return report
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
         inverted += data.cells.paired.folded(state.positions)
-        times = {stage: 1e3 * each for stage, each in zip(STAGES, seconds, strict=True)}
+        times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all that follows
-        return StepReport(float(speed), times, inverted, bool(speed == speed))
+        return StepReport(float(speed), times, inverted, bool(speed == speed), self._elimination.iterations)
 
     def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
         """What taut actuators add to the matrix, times `scale`: where cells take the stress they found."""
@@ -273,6 +156,8 @@ class NumbaStepper:
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> NumbaStaticTangent:
         """See Stepper."""
+        if self._factoring is not self:
+            return self._with_factor().static_tangent(state, parameters, forces, pressed)
         model = self.model
         self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
         motion, loads = motion_of(state), forces + self._weight
@@ -318,6 +203,25 @@ class NumbaStepper:
         data.cells.tune(parameters.materials)
         inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
         data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
+        self._elimination.tuned(lambda: self._at_rest(parameters, lag))
+
+    def _at_rest(self, parameters: Parameters, lag: float) -> tuple[object, ...]:
+        """What `advance.assemble` takes for the matrix of a step from rest; see Elimination."""
+        rest, data, h = self.model.rest_state(), self._prepared, self.model.dt
+        clear(data.work.factor)
+        still = np.zeros_like(rest.positions)
+        if data.cells.paired:
+            data.cells.paired.fill(rest, parameters.materials, True, h * lag, lag, still, None, h / lag)
+        return (
+            motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
+            data.cells.arrays, data.nodes, data.rows, data.kinds, _NO_STIFFNESS, data.tree, data.work,
+        )  # fmt: skip
+
+    def _with_factor(self) -> NumbaStepper:
+        """The stepper that factors."""
+        if self._factoring is None:
+            self._factoring = NumbaStepper(self.model, self.actuators, iterative=False)
+        return self._factoring
 
 
 class NumbaFreeMotion:
@@ -334,6 +238,7 @@ class NumbaFreeMotion:
     ) -> None:
         self.state, self.before, self.report = state, before, report
         self.violations = responses.prepared.rows.violation.copy()
+        self.defect: Array | None = None
         self._responses, self._free, self._corners = responses, free, corners
 
     def compliance(self, rows: Rows) -> Array:
@@ -346,6 +251,7 @@ class NumbaFreeMotion:
         state.velocities[:], state.reduced_velocities[:] = free.velocities, free.reduced_velocities
         state.joint_positions[:], state.joint_efforts[:] = free.joint_positions, free.joint_efforts
         speed = self._responses.correct(state, self.before, impulses)
+        self.defect = self._responses.defect
         if MOVED in state.extra:
             state.extra[MOVED][:] = state.positions - self.before.positions
         inverted = count_inverted(state.positions, self._corners)

@@ -1,0 +1,46 @@
+"""The seam between the compiled step and what eliminates its free nodes: a factor, or iteration.
+
+Either leaves what the free nodes make of the reduced coordinates in `Work.factor.schur`, and panels from
+which `solve_backward` finds the free nodes once the reduced coordinates are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from softsim_core.dynamics.numba_backend.prepare import Prepared
+from softsim_core.dynamics.numba_backend.responses import Responses
+from softsim_core.errors import FactorisationError
+
+
+class IterationError(FactorisationError):
+    """Iteration did not reach its tolerance."""
+
+
+class Elimination(Protocol):
+    """See the module.
+
+    Attributes:
+        stages: Names of the three stages of a step.
+        iterations: Of conjugate gradients in the last step, for all right-hand sides; 0: there are none.
+        prepared: What a step fills in before it.
+        responses: What forces on rows do after it.
+    """
+
+    stages: tuple[str, str, str]
+    iterations: int
+    prepared: Prepared
+    responses: Responses
+
+    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+        """Parameters have changed; `rest()` gives the arguments that `advance.assemble` takes at rest."""
+        ...
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """One whole step, with the arguments and results of `advance.advance`.
+
+        Raises:
+            IterationError: the step needs a factor; nothing has moved.
+        """
+        ...

@@ -1,0 +1,277 @@
+"""The free nodes eliminated by conjugate gradients: for meshes whose factor is too costly to renew per step.
+
+The preconditioner is the factor of the matrix at rest, in single precision, turned node by node with the
+body. It depends on parameters alone, not on what a run did before: a run goes on from a snapshot bit by bit.
+Of the matrix itself no more than its own entries is kept.
+
+What forces on rows do is taken from the preconditioner, too. `correct` finds what they really do, and says by
+how much the first was wrong; the contact step takes that into account, see FreeMotion.defect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softsim_core.actuation.actuators import Actuators
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.advance import assemble, finish
+from softsim_core.dynamics.numba_backend.cells import deforming
+from softsim_core.dynamics.numba_backend.compliance import spread_rows
+from softsim_core.dynamics.numba_backend.elimination import IterationError
+from softsim_core.dynamics.numba_backend.inversion import count_inverted
+from softsim_core.dynamics.numba_backend.layout import Motion
+from softsim_core.dynamics.numba_backend.node_rotations import surroundings, turn
+from softsim_core.dynamics.numba_backend.prepare import Prepared
+from softsim_core.dynamics.numba_backend.responses import Responses
+from softsim_core.kernels import OneSignature
+from softsim_core.linalg.cholesky import factor, forward_rows
+from softsim_core.linalg.conjugate import (
+    Preconditioner,
+    conjugate_gradients,
+    copy_matrix,
+    matrix_of,
+    reach,
+)
+from softsim_core.linalg.layout import Factor, Tree, empty_factor, tree_of
+from softsim_core.linalg.matrix_layout import matrix_layout
+from softsim_core.linalg.simd import LANES, ROWS
+from softsim_core.linalg.symbolic import Plan
+from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.rows import Rows
+
+TOLERANCE = 1e-8
+"""Largest error in [m] of how far a step moves a node."""
+
+REDUCED_SHARE = 1e-7
+"""Largest error of what frames, joints and actuators do to the free nodes, by the largest that they do."""
+
+MOST_ITERATIONS = 150
+"""Steps that need more are solved by a factor."""
+
+
+class _Answer(NamedTuple):
+    """What the eliminated free nodes are, as `solve_backward` takes it: panels [identity | border | right].
+
+    Attributes:
+        tree: One supernode for each node.
+        factor: Shares `schur` and `solution` with the matrix's.
+        columns: Where each column of the border, then the right-hand side, stands, shape (3 f, d + 1).
+    """
+
+    tree: Tree
+    factor: Factor
+    columns: IndexArray
+
+
+class IterativeElimination:
+    """See Elimination.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        prepared: The arrays of a step that is assembled in a `matrix_layout`.
+        matrix: That layout.
+        preconditioner: Of a factor of the free nodes' matrix.
+    """
+
+    stages = ("assemble", "iterate", "solve")
+
+    def __init__(
+        self, model: Model, actuators: Actuators, prepared: Prepared, matrix: Plan, preconditioner: Plan
+    ) -> None:
+        self.model, self.prepared, self.plan = model, prepared, preconditioner
+        self.count, work = len(self.plan.position), prepared.work
+        self.matrix = matrix_of(work.factor.panels, matrix)
+        self._right = matrix.later + matrix.side - 1
+        self.answer = _answer_of(self.plan.position, work.factor)
+        self.answering = self.prepared._replace(
+            tree=self.answer.tree, work=work._replace(factor=self.answer.factor)
+        )
+        position = self.plan.position
+        self._around = surroundings(model, deforming(model), position)
+        self.by = Preconditioner(
+            tree_of(self.plan),
+            np.zeros(0, np.float32),
+            np.zeros((self.count, 3, 3)),
+            np.zeros(3 * self.count, np.float32),
+            np.zeros(int(self.plan.width.max(initial=0)) + ROWS, np.float32),
+        )
+        self._supernode = self.plan.supernode[np.argsort(self.plan.position)]  # by unknown
+        self._room = np.zeros((4, 3 * self.count))
+        self.responses: Responses = IterativeResponses(model, actuators, self)
+        self._assemble, self._finish = OneSignature(assemble), OneSignature(finish)
+        self._turn, self._solve = OneSignature(turn), OneSignature(conjugate_gradients)
+        self._forward = OneSignature(forward_rows)
+        self.iterations = 0
+
+    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+        """See Elimination: the preconditioner is that of the matrix at rest."""
+        self._assemble(*rest())
+        for kind in (np.float32, np.float64):  # the second where rounding took the first a pivot
+            store = empty_factor(self.plan, 0, kind)
+            copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)
+            factor(self.by.tree, store)
+            self.by = self.by._replace(panels=store.panels.astype(np.float32, copy=False))
+            if np.isfinite(self.by.panels.sum(dtype=np.float64)):
+                return
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """See Elimination.
+
+        Raises:
+            IterationError: nothing has moved.
+        """
+        (
+            motion, straining, external, targets, base_shift, lower, upper, h, lag, rayleigh_mass, kinematics,
+            cells, nodes, rows, kinds, stiffness, tree, work, corners,
+        ) = arguments  # fmt: skip
+        started = perf_counter()
+        self._assemble(
+            motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds,
+            stiffness, tree, work,
+        )  # fmt: skip
+        assembled = perf_counter()
+        self._turn(motion.positions, self._around, self.by.rotations)
+        self._eliminate(TOLERANCE / h)
+        iterated = perf_counter()
+        speed = self._finish(
+            motion, targets, base_shift, lower, upper, h, lag, kinematics, self.answer.tree, nodes, rows,
+            kinds, self.answering.work,
+        )  # fmt: skip
+        inverted = count_inverted(motion.positions, corners)
+        return speed, inverted, assembled - started, iterated - assembled, perf_counter() - iterated
+
+    def _eliminate(self, tolerance: float) -> None:
+        """What the free nodes leave of the reduced coordinates, and the answer's columns."""
+        schur, columns = self.prepared.work.factor.schur, self._columns()
+        d = len(schur)
+        solved = np.empty_like(columns)
+        self.iterations = 0
+        for c in range(d + 1):
+            limit, share = (tolerance, 0.0) if c == d else (0.0, REDUCED_SHARE)
+            solved[c] = self.solve(columns[c], limit, share)
+        schur -= np.triu(columns[:d] @ solved.T)
+        self.answer.factor.panels[self.answer.columns] = solved.T
+
+    def solve(self, right: Array, tolerance: float, share: float = 0.0) -> Array:
+        """A^-1 b of the free nodes, shape (3 f,).
+
+        Raises:
+            IterationError: it is not found.
+        """
+        result = np.empty_like(right)
+        count = self._solve(
+            self.matrix, self.by, right, result, tolerance, share, MOST_ITERATIONS, self._room
+        )
+        if count < 0:
+            raise IterationError("conjugate gradients did not reach the tolerance")
+        self.iterations += count
+        return result
+
+    def preconditioned(self, unknowns: IndexArray, touching: Array) -> Array:
+        """H M^-1 H^T with the preconditioner M, shape (r, r).
+
+        Args:
+            unknowns: Which H touches, ascending, shape (t,).
+            touching: H^T there, shape (t, r).
+        """
+        height = touching.shape[1]
+        width = height + (-height) % LANES
+        nodes, axes = np.divmod(unknowns, 3)
+        whole = np.unique(nodes)
+        turned = np.zeros((len(whole), 3, height))
+        turned[np.searchsorted(whole, nodes), axes] = touching
+        turned = self.by.rotations[whole].swapaxes(1, 2) @ turned
+        scale = max(float(np.abs(turned).max(initial=0.0)), np.finfo(float).tiny)
+        spread = np.zeros((3 * self.count, width), np.float32)
+        spread.reshape(self.count, 3, width)[whole, :, :height] = turned / scale
+        tree = self.by.tree
+        spans = np.zeros((len(tree.columns), 2), np.int64)
+        reach(tree, self._supernode[whole], width, spans)
+        space = np.zeros(
+            (int(tree.columns.max(initial=0)) + 2 * ROWS) * (int(tree.width.max(initial=0)) + width),
+            np.float32,
+        )
+        product = np.zeros((width, width), np.float32)
+        store = self.prepared.work.factor._replace(panels=self.by.panels)
+        self._forward(tree, store, spans, spread, space, product)
+        inner = -scale * scale * product[:height, :height].astype(float)
+        return np.asarray(np.triu(inner) + np.triu(inner, 1).T)
+
+    def _columns(self) -> Array:
+        """Columns of the reduced coordinates and the right-hand side, shape (d + 1, 3 f)."""
+        d = len(self.prepared.work.factor.schur)
+        result = np.zeros((d + 1, self.count, 3))
+        matrix, reduced = self.matrix, self.prepared.nodes.reduced_column
+        for c in range(d + 1):
+            column = self._right if c == d else reduced[:, c]
+            there = np.flatnonzero(column >= 0)
+            at = matrix.row[there] + column[there]
+            for i in range(3):
+                result[c, there, i] = matrix.panels[at + i * matrix.width[there]]
+        return result.reshape(d + 1, -1)
+
+
+def _answer_of(position: IndexArray, matrix: Factor) -> _Answer:
+    """Panels with the identity in them; `position`: see Plan."""
+    d, count = len(matrix.schur), len(position)
+    all_of_it = np.stack(np.meshgrid(np.arange(count), np.arange(d)), axis=-1).reshape(-1, 2)
+    layout = matrix_layout(position, np.zeros((0, 2), np.int64), all_of_it, d, LANES)
+    panels = np.zeros(layout.panel[-1])
+    rows = layout.panel[:-1, None] + np.arange(3) * layout.width[:, None]
+    panels[rows + np.arange(3)] = 1.0
+    columns = (rows + layout.later[:, None]).reshape(-1, 1) + np.arange(d + 1)
+    factor_ = Factor(panels, np.zeros(0), matrix.schur, matrix.solution, np.zeros(d + 1))
+    return _Answer(tree_of(layout), factor_, columns)
+
+
+class IterativeResponses(Responses):
+    """Answers from the preconditioner, and from conjugate gradients.
+
+    Of the rows H, only the free nodes that they touch are kept.
+    """
+
+    def __init__(self, model: Model, actuators: Actuators, elimination: IterativeElimination) -> None:
+        super().__init__(model, actuators, elimination.answering)
+        self._elimination = elimination
+        self._unknowns, self._touching, self._compliance = (
+            np.zeros(0, np.int64),
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
+        )
+        self._spread_rows = OneSignature(spread_rows)
+        self.defect = np.zeros(0)
+
+    def _respond(self, rows: Rows, motion: Motion) -> Array:
+        """See Responses: of the preconditioner."""
+        free = 3 * self._elimination.count
+        self._spread = np.zeros(
+            (len(self.prepared.work.factor.solution), rows.height + (-rows.height) % LANES)
+        )
+        self._column = self._columns(rows)
+        self._spread_rows(
+            *rows, self._column, motion, self.prepared.kinematics, self.prepared.nodes, self.prepared.tree,
+            self.prepared.work, self._spread, self._spans,
+        )  # fmt: skip
+        inner = self._spread[:free]
+        self._unknowns = np.flatnonzero(inner.any(axis=1))
+        self._touching = inner[self._unknowns].take(self._column, axis=1)
+        answer = self._elimination.answer
+        reached = answer.factor.panels[answer.columns[self._unknowns, :-1]]
+        self._spread[free:] -= reached.T @ inner[self._unknowns]
+        self._compliance = self._elimination.preconditioned(self._unknowns, self._touching)
+        return self._compliance
+
+    def _reach(self, impulses: Array) -> tuple[Array, Array]:
+        """See Responses: the answer itself, in one column."""
+        right = np.zeros(3 * self._elimination.count)
+        right[self._unknowns] = self._touching @ impulses
+        answer = self._elimination.solve(right, TOLERANCE / self.model.dt)
+        self.defect = self._touching.T @ answer[self._unknowns] - self._compliance @ impulses
+        column = np.zeros((len(self.prepared.work.factor.solution), LANES))
+        column[: len(answer), 0] = answer
+        self._spans[:] = 0, LANES
+        return np.eye(1, LANES)[0], column

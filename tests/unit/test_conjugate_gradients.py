@@ -1,0 +1,108 @@
+"""Conjugate gradients in panels without fill against dense algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+pytestmark = pytest.mark.numba
+
+from softsim_core.linalg.cholesky import factor  # noqa: E402
+from softsim_core.linalg.conjugate import (  # noqa: E402
+    Matrix,
+    Preconditioner,
+    conjugate_gradients,
+    copy_matrix,
+    matrix_of,
+    multiply,
+    precondition,
+)
+from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
+from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
+from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
+from softsim_core.linalg.symbolic import plan  # noqa: E402
+from softsim_core.mechanics.pose import rotation_exp  # noqa: E402
+
+
+def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, np.ndarray]:
+    """A random positive matrix of a random graph in panels, its factor, and the matrix itself."""
+    rng = np.random.default_rng(seed)
+    edges = rng.integers(0, count, size=(4 * count, 2))
+    layout = plan(count, edges, edges[:0], 0, LANES, ROWS)
+    own = matrix_layout(layout.position, edges, edges[:0], 0, LANES)
+    dense = np.zeros((3 * count, 3 * count))
+    placed = layout.position[edges]
+    for a, b in placed[placed[:, 0] != placed[:, 1]]:
+        block = rng.normal(size=(3, 3))
+        dense[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += block
+        dense[3 * b : 3 * b + 3, 3 * a : 3 * a + 3] += block.T
+    dense += np.diag(np.abs(dense).sum(axis=1) + rng.uniform(0.01, 1.0, size=3 * count))
+    matrix = matrix_of(np.zeros(own.panel[-1]), own)
+    for i in range(count):
+        columns = [(i, 0)]
+        for e in range(matrix.start[i], matrix.start[i + 1]):
+            columns.append((matrix.node[e], matrix.later[i] + 3 * (e - matrix.start[i])))
+        for j, column in columns:
+            for k in range(3):
+                at = matrix.row[i] + k * matrix.width[i] + column
+                matrix.panels[at : at + 3] = dense[3 * i + k, 3 * j : 3 * j + 3]
+    tree, store = tree_of(layout), empty_factor(layout, 0, np.float32)
+    supernode = layout.supernode[np.argsort(layout.position)]
+    copy_matrix(matrix, tree, supernode, store.panels)
+    factor(tree, store)
+    widest = int(layout.width.max()) + ROWS
+    rotations = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+    by = Preconditioner(
+        tree, store.panels, rotations, np.zeros(3 * count, np.float32), np.zeros(widest, np.float32)
+    )
+    return matrix, by, dense
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_product_is_that_of_the_dense_matrix(seed: int) -> None:
+    matrix, _, dense = problem(seed)
+    x, y = np.random.default_rng(seed).normal(size=len(dense)), np.zeros(len(dense))
+    multiply(matrix, x, y)
+    assert np.allclose(y, dense @ x, rtol=1e-13, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_preconditioner_is_the_turned_inverse(seed: int) -> None:
+    _, by, dense = problem(seed)
+    rng = np.random.default_rng(seed)
+    for rotation in by.rotations:
+        rotation[:] = rotation_exp(rng.normal(size=3))
+    turn = np.zeros_like(dense)
+    for n, rotation in enumerate(by.rotations):
+        turn[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = rotation
+    r, z = 1e-30 * rng.normal(size=len(dense)), np.zeros(len(dense))
+    precondition(by, 1e-30, r, z)
+    wanted = turn @ np.linalg.solve(dense, turn.T @ r)
+    assert np.abs(z - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_poor_preconditioner_costs_iterations_but_no_accuracy(seed: int) -> None:
+    matrix, by, dense = problem(seed)
+    rng = np.random.default_rng(seed)
+    b, x, room = rng.normal(size=len(dense)), np.zeros(len(dense)), np.zeros((4, len(dense)))
+    few = conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 100, room)
+    assert np.abs(x - np.linalg.solve(dense, b)).max() < 1e-11
+    for rotation in by.rotations:
+        rotation[:] = rotation_exp(0.5 * rng.normal(size=3))
+    many = conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 200, room)
+    assert 0 < few < many
+    assert np.abs(x - np.linalg.solve(dense, b)).max() < 1e-11
+
+
+def test_what_cannot_be_solved_is_told() -> None:
+    matrix, by, dense = problem(0)
+    b, x, room = np.ones(len(dense)), np.zeros(len(dense)), np.zeros((4, len(dense)))
+    by.rotations[:] = rotation_exp(np.array([0.4, -0.3, 0.6]))
+    assert conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 1, room) == -1
+    assert conjugate_gradients(matrix, by, 0.0 * b, x, 1e-12, 0.0, 9, room) == 0
+    assert not x.any()
+    assert conjugate_gradients(matrix, by, np.nan * b, x, 1e-12, 0.0, 9, room) == -2
+    matrix.panels[:] *= -1.0
+    assert conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 9, room) == -2
