@@ -61,7 +61,7 @@ def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
 
 def static_forces(model: Model, state: State, parameters: Parameters, external: Array) -> Array:
     """All forces on nodes at rest in [N], shape (n, 3): elastic, weight, soft fixings, external (n, 3)."""
-    forces = external + model.mass[:, None] * model.gravity
+    forces = external + model.weight
     forces += elastic_forces(model.groups, state.positions, parameters.materials)
     return np.asarray(forces - model.spring[:, None] * (state.positions - model.rest))
 

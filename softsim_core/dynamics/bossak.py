@@ -67,15 +67,7 @@ class BossakStepper(StepperAround):
         self._length, self._span = ratio * model.dt, model.dt * self._gamma / (1.0 - alpha)
         self._start, self._drift = 1.0 / ratio, model.dt * (0.5 - ratio)
         self._lighter = self._length / self._span
-        self._step = of_model(
-            replace(
-                model,
-                dt=self._length,
-                mass=self._lighter * model.mass,
-                gravity=model.gravity / self._lighter,
-                joints=tuple(replace(each, inertia=self._lighter * each.inertia) for each in model.joints),
-            )
-        )
+        self._step = of_model(model.with_inertia(self._lighter, self._length))
         self._before = model.empty_state()
         compliant = model.compliant_joints
         self._compliant, self._stiffness = compliant, drive_stiffness(model)
@@ -123,7 +115,7 @@ class BossakStepper(StepperAround):
             rates = np.stack([reduced, self._carried * b])
             own = self._regions.nodes
             start[own], carried[own] = self._regions.rates(before, rates)
-        targets, forces = control.targets.copy(), control.forces + model.mass[:, None] * carried
+        targets, forces = control.targets.copy(), control.forces + model.momentum(carried)
         if len(self._compliant):
             joints, first = self._compliant, len(b) - len(targets)
             inert = self._carried * self._inertia[joints] * b[first + joints]

@@ -26,8 +26,9 @@ from softsim_core.contact.detection import Proximities, measured_gaps
 from softsim_core.contact.linearised import LinearisedContacts, linearise
 from softsim_core.contact.solver import ContactSolution, solve_contacts
 from softsim_core.dynamics.bossak import BossakStepper
+from softsim_core.dynamics.iterations import IteratedStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
-from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
+from softsim_core.dynamics.stepper import FreeMotion, StepperAround
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.rigid import RigidBodies
 from softsim_core.mechanics.state import State, no_warm_start
@@ -104,15 +105,19 @@ class ContactStepper(StepperAround):
     """A step with rigid bodies and contacts around one without.
 
     Args:
-        inner: The step of nodes, joints and actuators.
+        inner: The step of nodes, joints and actuators; contacts hold in each of its iterations.
         collisions: What may touch; None: nothing.
         smooth: Another one, for steps in which nothing touches what deforms, joints or actuators.
     """
 
     def __init__(
-        self, inner: Stepper, collisions: CollisionModel | None, smooth: BossakStepper | None = None
+        self,
+        inner: IteratedStepper,
+        collisions: CollisionModel | None,
+        smooth: BossakStepper | None = None,
     ) -> None:
         super().__init__(inner)
+        self._iterated = inner
         self._collisions, self._smooth = collisions, smooth
         self._before = inner.model.empty_state()
         self._free = inner.model.empty_state()
@@ -127,13 +132,26 @@ class ContactStepper(StepperAround):
             if held is not None:
                 return held
             state.copy_from(self._before)
-        free = self._inner.free_motion(state, control, parameters)
-        done = self._complete(free, control)
-        assert done is not None
+        inner = self._iterated
+        free = inner.free_motion(state, control, parameters)
+        done = self._completed(free, control)
+        while free.wants_more():
+            further = free.again(state)
+            report = self._completed(further, control)
+            if further.strays():
+                break
+            free, done = further, report
+        complete = partial(self._completed, control=control)
+        done = replace(done, estimate=partial(inner.next_move, free, complete))
         if smooth is not None and state.warm_start[:, 1:].any():
             smooth.forget_acceleration(state)
         elif smooth is not None:
             smooth.keep_acceleration(state, free.before)
+        return done
+
+    def _completed(self, free: FreeMotion, control: Control) -> StepReport:
+        done = self._complete(free, control)
+        assert done is not None
         return done
 
     def _complete(self, free: FreeMotion | Uncorrected, control: Control) -> StepReport | None:

@@ -10,7 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.state import State
 
 
 class FreeTurning:
@@ -32,6 +34,13 @@ class FreeTurning:
                 if still or not group.material.has_potential:
                     held.add(body)
         self.bodies = [np.unique(np.concatenate(own)) for body, own in nodes.items() if body not in held]
+
+    def lagging(self, state: State, control: Control, share: float) -> Array:
+        """The velocities (n, 3) that a step takes K by, with a `share` of those that are carried."""
+        result = self.straining(state.positions, state.velocities)
+        if control.carried is None:
+            return result
+        return np.asarray(result + share * self.straining(state.positions, control.carried))
 
     def straining(self, positions: Array, velocities: Array) -> Array:
         """Velocities (n, 3) in [m/s] without the turning of free bodies about their centres of mass."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -54,9 +55,14 @@ def nothing() -> ContactReport:
     return NOTHING
 
 
-@dataclass(frozen=True, eq=False)
+def unknown() -> float:
+    """The error of a step that nobody can tell, in [m]."""
+    return math.nan
+
+
+@dataclass(eq=False)
 class StepReport:
-    """What a step tells.
+    """What a step tells; it is complete once the step is done.
 
     Attributes:
         top_speed: Largest component in [m/s] of the new velocities of free nodes, frames, slides and rigid
@@ -66,7 +72,12 @@ class StepReport:
         positive: Whether the factorisation found the matrix of the step positive definite.
         iterations: Of conjugate gradients, all right-hand sides together; 0: the matrix was factored.
         parts: Equal or unequal parts that the step was done in; see dynamics.substeps.
+        iterations: Newton iterations that it took; see dynamics.iterations.
+        fallback: How much of the planned matrix was left out until one was positive definite: 0 nothing, 1
+            the stiffness of what actuators press on, 2 all that is negative in a cell, too, and the stress
+            that the last linear solve found. Scenes that always step so have none.
         measure: Measures what touched, where everything was at the end of the step.
+        estimate: Finds `linearisation_error`.
     """
 
     top_speed: float = 0.0
@@ -75,9 +86,23 @@ class StepReport:
     positive: bool = True
     iterations: int = 0
     parts: int = 1
+    iterations: int = 1
+    fallback: int = 0
     measure: Callable[[], ContactReport] = nothing
+    estimate: Callable[[], float] = unknown
 
     @cached_property
     def contacts(self) -> ContactReport:
         """What touched; measured when it is first asked for."""
         return self.measure()
+
+    @cached_property
+    def linearisation_error(self) -> float:
+        """How far in [m] another Newton iteration would move a node at most.
+
+        About what the step is off the one that is not linearised, for as long as iterations converge quickly;
+        the error of stepping in time at all is no part of it. It costs one iteration when it is first asked
+        for, and nothing else: ask before forces, parameters or the state change. Of a step that was cut, it
+        is that of the last part. NaN: nobody knows, or another step has begun.
+        """
+        return self.estimate()

@@ -77,11 +77,12 @@ class ScipyStepper:
         wanted = (targets - state.joint_positions)[at.prescribed] / h
         change[at.fixed] = wanted - state.reduced_velocities[at.fixed - at.first_reduced]
         change[at.joints[self.actuators.joint]] = 0.0  # moves no frame
-        factors = None
+        factors, fallback = None, 0
         if len(at.solved):
             factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             for stressed in (moved, None) if pressed else (None,):  # with less, until the matrix is positive
                 if moved is not None and not factors.positive:
+                    fallback = 2 if stressed is None else 1
                     matrix, rhs, mapping = self.system(state, control, parameters, stressed)
                     factors = self._matrices.factor(matrix[at.solved][:, at.solved])
             known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
@@ -110,7 +111,11 @@ class ScipyStepper:
         }
         found_positive = factors is None or factors.positive
         solved.report = StepReport(
-            top_speed(self.model, state), times, inverted_elements(model, state), found_positive
+            top_speed(self.model, state),
+            times,
+            inverted_elements(model, state),
+            found_positive,
+            fallback=fallback,
         )
         return solved
 
@@ -184,10 +189,13 @@ class ScipyStepper:
             stiffness = stiffness + held
             force -= (held @ state.positions.ravel()).reshape(-1, 3)
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
-        straining = self._turning.straining(state.positions, state.velocities)
+        straining = self._turning.lagging(state, control, parameters.rayleigh_stiffness / lag)
         force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)
-        inertia = (1.0 + h * parameters.rayleigh_mass) * model.mass
-        full = h * lag * stiffness + sp.diags(np.repeat(inertia, 3))
+        damped = 1.0 + h * parameters.rayleigh_mass
+        full = h * lag * stiffness + sp.diags(np.repeat(damped * model.mass, 3))
+        if model.coupling is not None:
+            force -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
+            full = full + sp.kron(damped * model.coupling.matrix, sp.eye(3), format="csr")
 
         mapping = jacobian(model, at, state)
         rhs = h * (mapping.T @ force.ravel())

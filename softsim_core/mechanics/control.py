@@ -18,6 +18,8 @@ class Control:
             their velocity stays zero, and the body feels the move from the next step on.
         rigid_forces: Force in [N] at the centre of mass of each rigid body with mass and moment in [N m]
             about it, world axes, shape (r, 6); None: none.
+        carried: Velocities in [m/s] of the nodes, shape (n, 3), that damping per stiffness takes beside those
+            of the state; None: none.
 
     Raises:
         ArrayError: an array of another number of axes or columns, or not of real numbers. Others are taken as
@@ -28,6 +30,7 @@ class Control:
     forces: Array
     base_shift: float = 0.0
     rigid_forces: Array | None = None
+    carried: Array | None = None
 
     def __post_init__(self) -> None:
         keep = object.__setattr__
@@ -37,6 +40,8 @@ class Control:
         if self.rigid_forces is not None:
             loads = float_array(self.rigid_forces, (-1, 6), "rigid_forces")
             keep(self, "rigid_forces", loads)
+        if self.carried is not None:
+            keep(self, "carried", float_array(self.carried, (-1, 3), "carried"))
 
     def check(self, joints: int, nodes: int) -> None:
         """Refuse what does not belong to a model of so many joints and nodes.

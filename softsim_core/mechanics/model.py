@@ -9,13 +9,14 @@ sparse interior. Each has a motion subspace: at the point x a unit of its veloci
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.elements import Element
 from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.mass import MassCoupling
 from softsim_core.fem.materials import Material
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import cross_matrix, rotation_exp
@@ -91,6 +92,7 @@ class Model:
         groups: The cells of all bodies, one group for each pair of element and material law, then those of
             layers and fibres.
         mass: Lumped node masses in [kg], shape (n,).
+        coupling: What consistent mass has beyond them; None: all mass is lumped.
         spring: Stiffness in [N/m] that pulls a node to its rest position (soft fixings), shape (n,).
         gravity: Gravity in [m/s^2], shape (3,).
         dt: Time step in [s].
@@ -117,6 +119,30 @@ class Model:
     joints: tuple[Joint, ...]
     rigid: RigidBodies
     extra_state: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    coupling: MassCoupling | None = None
+
+    def momentum(self, velocities: Array) -> Array:
+        """M v in [kg m/s], shape (n, 3), at velocities (n, 3) of the nodes."""
+        result = self.mass[:, None] * velocities
+        return result if self.coupling is None else np.asarray(result + self.coupling.matrix @ velocities)
+
+    @property
+    def weight(self) -> Array:
+        """Weight of the nodes in [N], shape (n, 3)."""
+        if self.coupling is None:
+            return np.asarray(self.mass[:, None] * self.gravity)
+        return self.momentum(np.tile(self.gravity, (len(self.mass), 1)))
+
+    def with_inertia(self, factor: float, dt: float) -> Model:
+        """The same of so many times the inertia and the same weight, for steps of `dt` [s]."""
+        return replace(
+            self,
+            dt=dt,
+            mass=factor * self.mass,
+            gravity=self.gravity / factor,
+            joints=tuple(replace(each, inertia=factor * each.inertia) for each in self.joints),
+            coupling=None if self.coupling is None else self.coupling.scaled(factor),
+        )
 
     @property
     def reduced_size(self) -> int:

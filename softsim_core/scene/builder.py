@@ -14,7 +14,7 @@ from softsim_core.fem.assembly import takes_found_stress
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
-from softsim_core.fem.mass import volume_shares
+from softsim_core.fem.mass import MassCoupling, mass_coupling, volume_shares
 from softsim_core.fem.materials.relaxing import Relaxing
 from softsim_core.fem.prony import memory_shape
 from softsim_core.mechanics.control import Parameters
@@ -90,6 +90,7 @@ def build(scene: SceneDescription) -> BuiltScene:
         frame_rest=frame_rest,
         joints=joints,
         rigid=rigid_bodies(scene),
+        coupling=_coupling(scene, bodies, filling),
     )
     model = replace(model, extra_state=_extra_state(scene, model))
     parameters = Parameters(
@@ -163,6 +164,33 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
                 )
             mass[nodes] += added.mass / len(nodes)
     return mass
+
+
+def _coupling(
+    scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]
+) -> MassCoupling | None:
+    """What bodies of consistent mass have beyond lumped mass; None: there are none."""
+    consistent = [each.mass_distribution == "consistent" for each in scene.bodies]
+    if not any(consistent):
+        return None
+    volumes = np.zeros(len(bodies))
+    for group in groups:
+        volumes += np.bincount(group.body, group.volumes, minlength=len(bodies))
+    density = np.array(
+        [
+            each.density if each.density is not None else (each.total_mass or 0.0) / volume
+            for each, volume in zip(scene.bodies, volumes.tolist(), strict=True)
+        ]
+    )
+    chosen = [group.part(np.flatnonzero(np.array(consistent)[group.body])) for group in groups]
+    chosen = [group for group in chosen if len(group.cells)]
+    for group in chosen:
+        if group.element.mass_matrix is None:
+            raise SceneError(
+                f"body {bodies[group.body[0]].name}: element {group.element.name} tells no mass_matrix, "
+                "which mass_distribution consistent needs; set it to volume"
+            )
+    return mass_coupling(chosen, [density[group.body] for group in chosen], bodies[-1].nodes.stop)
 
 
 def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> tuple[ElementGroup, ...]:

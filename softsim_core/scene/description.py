@@ -36,7 +36,7 @@ from softsim_core.values import (
 )
 
 RotationLaw: TypeAlias = Literal["polar", "qr"]
-MassDistribution: TypeAlias = Literal["volume", "equal"]
+MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +70,9 @@ class BodyDescription:
             material's preset, if it is known.
         total_mass: Mass in [kg], > 0; or give `density`.
         mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
-            nodes. "equal": every node has the same, as in the reference simulator, which makes the inertia
-            of coarse meshes much too large.
+            nodes. "consistent": it moves as the shape functions say, so the inertia of a body with straight
+            edges is exact. "equal": every node has the same, as in the reference simulator, which makes the
+            inertia of coarse meshes much too large.
         added_masses: What parts of it carry.
         layers: Thin sheets on its faces.
         fibres: What runs through it and carries tension only.
@@ -254,6 +255,9 @@ class SolverSettings:
         spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
         substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
             one: 1 (always whole), 2, 4 and so on up to 64.
+        iterations: Newton iterations of a step at most, >= 1; with 1 it is linearised once.
+        iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
+            >= 0.
     """
 
     rotation: RotationLaw = "polar"
@@ -264,6 +268,8 @@ class SolverSettings:
     time_integration: TimeIntegration = "implicit_euler"
     spectral_radius: float = 0.8
     substeps: int = 8
+    iterations: int = 1
+    iteration_tolerance: float = 1e-7
 
     def __post_init__(self) -> None:
         for name, value, unit in (
@@ -279,6 +285,10 @@ class SolverSettings:
             raise FieldError("solver", "spectral_radius", self.spectral_radius, "between 0 and 1")
         if self.substeps not in SUBSTEPS:
             raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
+        if self.iterations < 1:
+            raise FieldError("solver", "iterations", self.iterations, ">= 1")
+        if not 0.0 <= self.iteration_tolerance < math.inf:
+            raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
         known = (AUTO, *linear_solver_names())
         if self.linear_solver not in known:
             raise FieldError("solver", "linear_solver", self.linear_solver, f"one of {listing(known)}")

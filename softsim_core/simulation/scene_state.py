@@ -18,6 +18,7 @@ from softsim_core.dynamics.actuator_statics import reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
+from softsim_core.dynamics.iterations import IteratedStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
@@ -75,8 +76,10 @@ class SceneState:
             stepper = ContactStepper(euler, collisions, smooth)
         return ViscousStepper(stepper) if relaxing_groups(model) else stepper
 
-    def _euler_of(self, model: Model) -> Stepper:
-        return make_stepper(model, self._backend, self._actuators, self._linear_solver)
+    def _euler_of(self, model: Model) -> IteratedStepper:
+        settings = self.scene.solver
+        once = make_stepper(model, self._backend, self._actuators, self._linear_solver)
+        return IteratedStepper(once, settings.iterations, settings.iteration_tolerance)
 
     def _part_stepper(self, dt: float) -> Stepper:
         """The scene's step with another dt in [s]."""

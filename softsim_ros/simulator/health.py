@@ -50,6 +50,8 @@ def health(
         count = status.inverted_elements
         told = "element is" if count == 1 else "elements are"
         level, sentence = WARN, f"{count} {told} inside out; reduce dt, the load, or the pull on them"
+    elif status.fallbacks:
+        level, sentence = WARN, status.fallbacks.complaint
     elif not status.paused and 0.0 < factor < SLOW * speed:
         level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
     values: dict[str, object] = {
@@ -67,6 +69,7 @@ def health(
         "refused_commands": status.refused_commands,
         "backend": backend,
         "inverted_elements": status.inverted_elements,
+        **status.fallbacks.as_values(),
         "memory_mb": memory_mb(),
     }
     if status.contacts is not None:

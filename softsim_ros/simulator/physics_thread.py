@@ -16,6 +16,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
 from softsim_core.simulation import Simulation
 from softsim_ros.simulator.contact_meter import ContactQuality
+from softsim_ros.simulator.fallback_meter import Fallbacks
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
 from softsim_ros.simulator.printed import printed_lines
 from softsim_ros.simulator.step_history import StepHistory
@@ -44,6 +45,7 @@ class PhysicsStatus:
         trajectory: Whether a trajectory is running.
         inverted_elements: Elements that are inside out or flat after the last step.
         contacts: How contacts were solved in the last second or so; None in a scene without.
+        fallbacks: Steps of the last second or so that did without a part of their stiffness.
     """
 
     speed: Speed = field(default_factory=Speed)
@@ -58,6 +60,7 @@ class PhysicsStatus:
     trajectory: bool = False
     inverted_elements: int = 0
     contacts: ContactQuality | None = None
+    fallbacks: Fallbacks = field(default_factory=Fallbacks)
 
 
 class PhysicsThread:
@@ -104,6 +107,7 @@ class PhysicsThread:
         self._report_gate = RateGate(1.0)
         self._last_speed = Speed()
         self._contacts = self._last_contacts = ContactQuality()
+        self._fallbacks = self._last_fallbacks = Fallbacks()
         self.history = StepHistory()
         self.status = PhysicsStatus()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
@@ -236,6 +240,7 @@ class PhysicsThread:
             self._forget_commands()
             self._meter = SpeedMeter(simulation.dt, time.monotonic())
             self._contacts = self._last_contacts = ContactQuality()
+            self._fallbacks = self._last_fallbacks = Fallbacks()
             self._pacer.start()
             if self._fault:
                 self._fault, self._paused = "", self._paused_before_fault
@@ -298,6 +303,7 @@ class PhysicsThread:
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
             self._contacts = self._contacts.with_step(simulation.contacts, simulation.scene.contact.tolerance)
+            self._fallbacks = self._fallbacks.with_step(simulation.report)
             self.history.add(simulation.step_count, simulation.time, stages)
 
     def _listening(self) -> AbstractContextManager[None]:
@@ -368,6 +374,7 @@ class PhysicsThread:
             self._last_speed = self._meter.take(now)
             self._last_contacts = self._contacts
             self._contacts = ContactQuality(self._contacts.contacts)
+            self._last_fallbacks, self._fallbacks = self._fallbacks, Fallbacks()
         simulation = self._simulation
         self.status = PhysicsStatus(
             speed=self._last_speed,
@@ -382,5 +389,6 @@ class PhysicsThread:
             trajectory=self._trajectory is not None,
             inverted_elements=simulation.report.inverted,
             contacts=self._last_contacts if simulation.collision_surfaces else None,
+            fallbacks=self._last_fallbacks,
         )
         return self._on_state(simulation, whole)

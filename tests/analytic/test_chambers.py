@@ -232,3 +232,15 @@ def test_hollows_are_found_and_told_apart() -> None:
 def test_chambers_that_cannot_be_are_refused(mesh: TetMesh, fields: dict[str, Any], sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):
         Simulation(inflated(mesh, **fields))
+
+
+def test_a_step_tells_what_it_did_without(backend: str) -> None:
+    """Half of Young's modulus within one step: first what presses is left out, then cells are clamped."""
+    described = inflated(hollow(2), backend=backend)
+    described = replace(described, solver=replace(described.solver, substeps=1, rayleigh_mass=0.0))
+    simulation, told = Simulation(described), []
+    simulation.command([5e4])
+    for _ in range(6):
+        simulation.step()
+        told.append(simulation.report.fallback)
+    assert told == [0, 1, 1, 1, 2, 2]

@@ -6,7 +6,9 @@ import pytest
 
 pytest.importorskip("diagnostic_msgs", reason="the message packages are not installed")
 
+from softsim_core.dynamics.report import StepReport
 from softsim_ros.messages.diagnostics import ERROR, OK, WARN
+from softsim_ros.simulator.fallback_meter import Fallbacks
 from softsim_ros.simulator.health import health
 from softsim_ros.simulator.physics_thread import PhysicsStatus
 
@@ -23,3 +25,16 @@ def test_a_fault_stands_before_what_is_inside_out() -> None:
     status = PhysicsStatus(inverted_elements=3, fault="diverged")
     assert health(status, True, 0.0, "numba")[:2] == (ERROR, "diverged")
     assert health(PhysicsStatus(), True, 0.0, "numba")[0] == OK
+
+
+def test_steps_that_fell_back_are_counted_in_one_sentence() -> None:
+    """Each by what it did without; a second without any is well again."""
+    counted = Fallbacks()
+    for fallback in (0, 1, 2, 2, 0):
+        counted = counted.with_step(StepReport(fallback=fallback))
+    level, sentence, values = health(PhysicsStatus(fallbacks=counted), True, 0.0, "numba")
+    assert level == WARN
+    assert sentence.startswith("3 of the last 5 steps did without a part of their stiffness")
+    assert values["steps_without_pressed_stiffness"] == 1
+    assert values["steps_with_clamped_stiffness"] == 2
+    assert not Fallbacks().with_step(StepReport())

@@ -81,7 +81,16 @@ class PlannedCells:
                 part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
                 self._kernels.append((part, elements, not part.material.in_cell_axes))
         self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(self._paired_groups, model.groups, nodes, local, layout, panels, surfaces)
+        self.paired = PairedCells(
+            self._paired_groups,
+            model.groups,
+            nodes,
+            local,
+            layout,
+            panels,
+            surfaces,
+            () if model.coupling is None else model.coupling.cells,
+        )
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
         self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 

@@ -38,6 +38,7 @@ class PairedCells:
         layout: The plan of the factor.
         panels: Of the factor; `fill` adds to them.
         surfaces: Nodes of faces that actuators press on, shapes (m, a).
+        coupled: Nodes of cells whose mass is not lumped, shapes (m, a).
 
     Attributes:
         pairs: What the kernels have to add of their blocks, see `scatter`.
@@ -52,6 +53,7 @@ class PairedCells:
         layout: Plan,
         panels: Array,
         surfaces: Sequence[IndexArray] = (),
+        coupled: Sequence[IndexArray] = (),
     ) -> None:
         self._groups = [
             in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
@@ -70,7 +72,9 @@ class PairedCells:
         self._surfaces = [
             _Surface(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces
         ]
-        cells = [group.cells for group in self._groups] + [surface.cells for surface in self._surfaces]
+        self._coupled = [_Surface(each, *elimination_order(each, nodes, local, layout)) for each in coupled]
+        further = [each.cells for each in (*self._surfaces, *self._coupled)]
+        cells = [group.cells for group in self._groups] + further
         self._upper = [np.triu_indices(each.shape[1]) for each in cells]
         self._places, self.pairs = cell_places(cells, nodes, local, layout)
         self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
@@ -78,7 +82,7 @@ class PairedCells:
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def __bool__(self) -> bool:
-        return bool(self._groups or self._surfaces)
+        return bool(self._groups or self._surfaces or self._coupled)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""
@@ -156,6 +160,12 @@ class PairedCells:
             self._add(len(self._groups) + k, scale * of_faces[surface.taken])
         return forces
 
+    def couple(self, masses: Sequence[Array], scale: float) -> None:
+        """Add masses (m, a, a) in [kg] of the coupled cells times `scale` to the matrix, after `fill`."""
+        first = len(self._groups) + len(self._surfaces)
+        for k, (cells, of_cells) in enumerate(zip(self._coupled, masses, strict=True)):
+            self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
+
     def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
         """Add what cells of a relaxing law hold, the forces at places `ahead` (n, 3); see fem.prony."""
         name, chosen = self._memories[k]
@@ -184,7 +194,7 @@ class PairedCells:
 
 
 class _Surface:
-    """Faces that an actuator presses on.
+    """Faces that an actuator presses on, or cells whose mass is not lumped.
 
     Args:
         faces: Their nodes, shape (m, a).

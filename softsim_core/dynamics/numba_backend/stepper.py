@@ -58,7 +58,7 @@ class NumbaStepper:
         self._corners = oriented(model)
         self._soft = bool(model.spring.any())
         self._turning = FreeTurning(model)
-        self._weight = model.mass[:, None] * model.gravity
+        self._weight = model.weight
         self._tuned: tuple[list[list[float]], float, float] | None = None
         self._before, self._free, self._start = (model.empty_state() for _ in range(3))
         self._responses = self._elimination.responses
@@ -76,10 +76,10 @@ class NumbaStepper:
         report = self._step(state, control, parameters, moved, pressed)
         if not report.positive and pressed:
             state.copy_from(before)
-            report = self._step(state, control, parameters, moved)
+            report = replace(self._step(state, control, parameters, moved), fallback=1)
         if not report.positive:
             state.copy_from(before)
-            report = self._step(state, control, parameters)
+            report = replace(self._step(state, control, parameters), fallback=2)
         moved[:] = state.positions - before.positions
         return report
 
@@ -97,9 +97,9 @@ class NumbaStepper:
         self._tune(parameters, lag)
         self._responses = self._elimination.responses
         external = control.forces + self._weight
-        straining = self._turning.straining(state.positions, state.velocities)
+        straining = self._turning.lagging(state, control, parameters.rayleigh_stiffness / lag)
         if self._soft:
-            external -= model.spring[:, None] * (state.positions + lag * state.velocities - model.rest)
+            external -= model.spring[:, None] * (state.positions + lag * straining - model.rest)
         clear(data.work.factor)
         if data.cells.paired:
             external += data.cells.paired.fill(
@@ -107,6 +107,9 @@ class NumbaStepper:
             )
         if pressed:
             external += data.cells.paired.press(pressed, straining, lag, model.dt * lag)
+        if model.coupling is not None:
+            external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
+            data.cells.paired.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
         bounds = self.actuators.bounds(control.targets)
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)

@@ -34,6 +34,7 @@ class Element(Protocol):
         edges: Node pairs along the cell's edges, for pictures, shape (e, 2).
         faces: Node numbers of the cell's faces, seen from outside counter-clockwise, shape (f, k).
         mass_shares: Part of a cell's mass that each node carries; they are >= 0, their sum is 1, shape (a,).
+        mass_matrix: Integrals of N_a N_b over a cell of volume 1, whose sum is 1, shape (a, a), or None.
         mean_volume: Whether the bulk of a VolumetricMaterial beyond `point_bulk` acts on the cell's mean
             dilatation, not on that of each point.
     """
@@ -55,6 +56,8 @@ class Element(Protocol):
     @property
     def mass_shares(self) -> Array: ...  # noqa: D102
     @property
+    def mass_matrix(self) -> Array | None: ...  # noqa: D102
+    @property
     def mean_volume(self) -> bool: ...  # noqa: D102
 
 
@@ -71,6 +74,7 @@ class ElementData:
     faces: IndexArray
     shares: Array | None = None
     mean_volume: bool = False
+    mass_matrix: Array | None = None
 
     @property
     def mass_shares(self) -> Array:

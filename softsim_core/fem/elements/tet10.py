@@ -10,6 +10,8 @@ matrix, scaled; row sums would be negative at corners).
 
 from __future__ import annotations
 
+from math import factorial, prod
+
 import numpy as np
 
 from softsim_core.arrays import Array
@@ -32,6 +34,25 @@ def _slopes(barycentric: Array) -> Array:
     return np.asarray(by_l @ TET4.slopes[0])
 
 
+def _mass_matrix() -> Array:
+    """Integrals of N_a N_b over a cell of volume 1; those of monomials of l: 6 prod(k!) / (3 + sum(k))!."""
+    first, second = np.concatenate([np.stack([np.arange(4)] * 2, axis=1), MIDDLES]).T
+    shapes = []
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        powers = np.eye(4, dtype=int)
+        square, single = tuple((powers[i] + powers[j]).tolist()), tuple(powers[i].tolist())
+        shapes.append({square: 2.0, single: -1.0} if i == j else {square: 4.0})
+    result = np.zeros((10, 10))
+    for a, one in enumerate(shapes):
+        for b, other in enumerate(shapes):
+            for k, factor in one.items():
+                for m, weight in other.items():
+                    total = np.add(k, m).tolist()
+                    integral = 6.0 * prod(map(factorial, total)) / factorial(3 + sum(total))
+                    result[a, b] += factor * weight * integral
+    return result
+
+
 _POINTS = np.full((4, 4), _INNER) + (_OUTER - _INNER) * np.eye(4)
 
 TET10 = ElementData(
@@ -44,5 +65,6 @@ TET10 = ElementData(
     faces=np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
     shares=np.repeat([1.0 / 36.0, 4.0 / 27.0], [4, 6]),
     mean_volume=True,
+    mass_matrix=_mass_matrix(),
 )
 """Faces: three corners, then the middles of their edges in the same sense."""

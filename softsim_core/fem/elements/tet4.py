@@ -16,5 +16,6 @@ TET4 = ElementData(
     slopes=np.array([[[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]),
     edges=np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
     faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    mass_matrix=(np.ones((4, 4)) + np.eye(4)) / 20.0,
 )
 """N_0 = 1 - xi - eta - zeta, N_1 = xi, N_2 = eta, N_3 = zeta. Nearly incompressible matter locks on it."""

@@ -1,0 +1,284 @@
+r"""More Newton iterations of an implicit Euler step, each an implicit Euler step of its own.
+
+From nodes x and velocities v at the start of a step of h the nonlinear step asks, at its end,
+
+.. math:: M (v^+ - v) + h\, r_M M v^+ + h\, r_K K(x^+) v^+ = h\, f(x^+), \qquad x^+ = x + h v^+ .
+
+A step of `Stepper` is the first Newton iteration, about x. Where iterations have come to x_k, with
+v_k = (x_k - x) / h, the next one solves for y = v^+ - v_k, about x_k:
+
+.. math:: ((1 + h r_M) M + h (h + r_K) K(x_k))\, y = h f(x_k) - M (v_k - v) - h\, r_M M v_k - h\, r_K K v_k .
+
+That is the step of the same stepper from x_k at rest under further forces, so that contacts, actuators and
+what cells keep between linear solves go through it as through any step. Contacts are solved anew in each.
+Each has about the square of the error of the one before, in [m] per size of the body; with damping per
+stiffness, whose K follows x without a derivative, a share of it that grows with r_K / h.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from softsim_core.actuation.joint_drive import drive_stiffness
+from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import top_speed
+from softsim_core.dynamics.free_turning import FreeTurning
+from softsim_core.dynamics.report import StepReport
+from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
+from softsim_core.fem.assembly import mean_volume_answer
+from softsim_core.mechanics.control import Control, Parameters
+from softsim_core.mechanics.pose import rotation_log
+from softsim_core.mechanics.rows import Rows
+from softsim_core.mechanics.state import MOVED, State
+
+_TAKEN = (
+    "positions",
+    "frame_positions",
+    "frame_rotations",
+    "joint_positions",
+    "joint_efforts",
+    "base_shift",
+)
+_RIGID = ("rigid_positions", "rigid_rotations", "rigid_velocities")
+
+
+class IteratedStepper(StepperAround):
+    """See the module.
+
+    Args:
+        inner: Implicit Euler, linearised once.
+        most: Iterations at most, >= 1.
+        tolerance: No more are made once one has moved no node farther than this, in [m]. One that moves a
+            node farther than the one before did is taken back, and the last.
+
+    Attributes:
+        inner, most, tolerance: As given.
+        begun: Steps so far.
+        before, reached: The state at the start of the step, and the one that the newest iteration is about.
+        kept: That one as it was, with velocities as the step has them.
+    """
+
+    def __init__(self, inner: Stepper, most: int = 1, tolerance: float = 0.0) -> None:
+        super().__init__(inner)
+        model = inner.model
+        self.inner, self.most, self.tolerance, self.begun = inner, most, tolerance, 0
+        self.before, self.reached, self.kept = (model.empty_state() for _ in range(3))
+        self._start, self._trial = model.empty_state(), model.empty_state()
+        self._turning, self._drive = FreeTurning(model), drive_stiffness(model)
+        self._inertia = np.array([joint.inertia for joint in model.joints])
+        self._compliant = model.compliant_joints
+        others = np.append(self._compliant, self.actuators.joint)
+        self._led = np.setdiff1d(np.arange(len(model.joints)), others)
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        if self.most > 1:
+            motion = self.free_motion(state, control, parameters)
+            while motion.wants_more():
+                further = motion.again(state)
+                if further.strays():
+                    break
+                motion = further
+            return replace(motion.report, estimate=partial(self.next_move, motion))
+        self._begin(state)
+        report = self.inner.step(state, control, parameters)
+        report.estimate = partial(self._move_after, self.begun, state, control, parameters)
+        return report
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> IteratedFreeMotion:
+        """See Stepper."""
+        self._begin(state)
+        motion = self.inner.free_motion(state, control, parameters)
+        return IteratedFreeMotion(self, motion, state, control, parameters)
+
+    def _begin(self, state: State) -> None:
+        self.before.copy_from(state)
+        self.begun += 1
+
+    def next_move(
+        self, motion: IteratedFreeMotion, complete: Callable[[IteratedFreeMotion], object] | None = None
+    ) -> float:
+        """How far in [m] another iteration would move a node at most; NaN once another step has begun.
+
+        Args:
+            motion: The last iteration.
+            complete: What has to be done to an iteration, such as to let contacts hold.
+        """
+        if motion.begun != self.begun:
+            return math.nan
+        trial = self._trial
+        trial.copy_from(motion.state)
+        if (trial.base_positions != self.before.base_positions).any():  # moved since, and the body with it
+            trial.base_positions[:] = self.before.base_positions
+            self.model.place_regions(trial)
+        start = trial.positions.copy()
+        further = motion.again(trial)
+        if complete is not None:
+            complete(further)
+        return farthest(start, trial.positions)
+
+    def _move_after(self, begun: int, state: State, control: Control, parameters: Parameters) -> float:
+        """The same after a step that was no more than one iteration."""
+        if begun != self.begun:
+            return math.nan
+        return self.next_move(IteratedFreeMotion(self, None, state, control, parameters))
+
+    def about(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """The step that is the next iteration about `state`."""
+        model, h, before, reached, start = self.model, self.model.dt, self.before, self.reached, self._start
+        reached.copy_from(state)
+        self._set_rates(reached)
+        start.copy_from(reached)
+        start.velocities[:], start.reduced_velocities[:] = 0.0, 0.0
+        rates, damping, carried = reached.velocities, parameters.rayleigh_stiffness, None
+        gained = (1.0 + h * parameters.rayleigh_mass) * rates - before.velocities
+        forces = control.forces - model.momentum(gained) / h
+        if damping > 0.0:
+            carried = rates
+            straining = self._turning.straining(reached.positions, rates)
+            for group in model.groups:  # the mean volume is not damped
+                p = group.values(parameters.materials)
+                answer = mean_volume_answer(group, reached.positions, p, straining)
+                forces += h / (h + damping) * damping * answer
+        targets, held = control.targets, self._compliant
+        if len(held):
+            rate, gains = self._joint_rates(reached)[held], self._gains(reached)[held]
+            targets = targets.copy()
+            targets[held] -= gains / self._drive[held] + damping * rate
+        control = replace(control, targets=targets, forces=forces, carried=carried)
+        return self.inner.free_motion(start, control, parameters)
+
+    def take(self, state: State, end: State, control: Control) -> None:
+        """Write the end of an iteration into `state`; rigid bodies are left as they are."""
+        for name in _TAKEN:
+            getattr(state, name)[:] = getattr(end, name)
+        if MOVED in state.extra:
+            state.extra[MOVED][:] = end.extra[MOVED]
+        self._set_rates(state)
+        state.joint_efforts[self._led] += self._gains(state)[self._led]
+        springs = self._drive * (control.targets - state.joint_positions)
+        state.joint_efforts[self._compliant] = springs[self._compliant]
+
+    def _set_rates(self, state: State) -> None:
+        """Velocities by the way from the start of the step to the places of a state."""
+        model, h, before = self.model, self.model.dt, self.before
+        free = model.free_nodes
+        state.velocities[free] = (state.positions[free] - before.positions[free]) / h
+        for f in range(len(model.frame_names)):
+            gone = state.frame_positions[f] - before.frame_positions[f]
+            turn = rotation_log(state.frame_rotations[f] @ before.frame_rotations[f].T)
+            state.reduced_velocities[6 * f : 6 * f + 6] = np.concatenate([gone, turn]) / h
+        self._joint_rates(state)[:] = (state.joint_positions - before.joint_positions) / h
+        if model.regions:
+            model.place_regions(state)
+
+    def _joint_rates(self, state: State) -> Array:
+        return state.reduced_velocities[6 * len(self.model.frame_names) :]
+
+    def _gains(self, state: State) -> Array:
+        """What the inertia of each joint has taken up since the start, in [N m] or [N], shape (j,)."""
+        gained = self._joint_rates(state) - self._joint_rates(self.before)
+        return np.asarray(self._inertia * gained / self.model.dt)
+
+
+class IteratedFreeMotion:
+    """See FreeMotion: one of an iteration, and what leads to the next.
+
+    Args:
+        stepper: What it belongs to.
+        motion: The step that the iteration is; None: one that is over.
+        state: What it is written into.
+        control, parameters: Of the step.
+        earlier: The iteration before; None: this is the first.
+
+    Attributes:
+        count: How many iterations there have been.
+        begun: Which step of the stepper it is.
+        moved: How far in [m] it has moved a node at most; set by `wants_more` and `strays`.
+    """
+
+    def __init__(
+        self,
+        stepper: IteratedStepper,
+        motion: FreeMotion | None,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        earlier: IteratedFreeMotion | None = None,
+    ) -> None:
+        self.state, self.before, self.begun = state, stepper.before, stepper.begun
+        self.moved, self.report = math.inf, StepReport()
+        self._stepper, self._motion, self._control, self._parameters = stepper, motion, control, parameters
+        self.count, self._last, self._times = 1, math.inf, Counter[str]()
+        self._from, self._fallback = stepper.before.positions, 0
+        if earlier is not None:
+            self.count, self._last = earlier.count + 1, earlier.moved
+            self._from, self._fallback = stepper.reached.positions, earlier.report.fallback
+            self._times.update(earlier.report.times)
+        self.violations = np.zeros(0) if motion is None else motion.violations
+        if motion is not None:
+            self.report = self._told(motion.report)
+
+    def wants_more(self) -> bool:
+        """Whether a further iteration is to follow; `state` is where this one has led."""
+        if self.count >= self._stepper.most:
+            return False
+        self.moved = farthest(self._from, self.state.positions)
+        return self.moved > self._stepper.tolerance
+
+    def strays(self) -> bool:
+        """Whether it has led farther away; then `state` is again what it was before this iteration."""
+        moved = farthest(self._from, self.state.positions)
+        if moved <= max(self._last, self._stepper.tolerance):
+            return False
+        self.state.copy_from(self._stepper.kept)
+        return True
+
+    def again(self, state: State) -> IteratedFreeMotion:
+        """The next iteration, about where `state` is, written into it.
+
+        As far as it is not what touches, and rigid bodies as the step found them.
+        """
+        stepper, control = self._stepper, self._control
+        stepper.kept.copy_from(state)
+        stepper.before.warm_start = state.warm_start
+        motion = stepper.about(state, control, self._parameters)
+        for name in _RIGID:
+            setattr(state, name, getattr(stepper.before, name))
+        stepper.take(state, motion.state, control)
+        return IteratedFreeMotion(stepper, motion, state, control, self._parameters, self)
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion."""
+        assert self._motion is not None
+        return self._motion.compliance(rows)
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion."""
+        assert self._motion is not None
+        report = self._motion.correct(impulses)
+        if self.count > 1:
+            self._stepper.take(self.state, self._motion.state, self._control)
+        return self._told(report)
+
+    def _told(self, report: StepReport) -> StepReport:
+        if self.count == 1:
+            return report
+        return replace(
+            report,
+            top_speed=top_speed(self._stepper.model, self.state),
+            times=dict(self._times + Counter(report.times)),
+            fallback=max(self._fallback, report.fallback),
+            iterations=self.count,
+        )
+
+
+def farthest(before: Array, after: Array) -> float:
+    """Largest distance in [m] between places (n, 3); NaN if one is."""
+    return float(np.sqrt(((after - before) ** 2).sum(axis=1).max(initial=0.0)))

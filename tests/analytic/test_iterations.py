@@ -1,0 +1,224 @@
+"""More Newton iterations of a step: they lead to the one that is not linearised; the report tells how far.
+
+The oracle solves the nonlinear equation of the step with forces and mass alone, by scipy.optimize.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from contact_scenes import FLOOR, loose, touching
+from scipy.optimize import root
+from small_scenes import body, comes_back_bit_for_bit, machine, scene, shaken, slab
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_core.dynamics.assembly import node_stiffness
+from softsim_core.dynamics.backends import make_stepper
+from softsim_core.errors import SceneError
+from softsim_core.fem.assembly import elastic_forces
+from softsim_core.mechanics.control import Control
+from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
+from softsim_core.scene.builder import build
+from softsim_core.scene.description import SceneDescription, SolverSettings
+from softsim_core.scene.material import MaterialDescription
+
+MANY = 30
+LAWS: dict[str, dict[str, Any]] = {
+    "tet4": {},
+    "tet10": {"material": MaterialDescription(law="yeoh", c1=1.5e4, poisson_ratio=0.49), "order": 2},
+}
+
+
+def iterated(description: SceneDescription, most: int, tolerance: float = 1e-12) -> SceneDescription:
+    solver = replace(description.solver, iterations=most, iteration_tolerance=tolerance, substeps=1)
+    return replace(description, solver=solver)
+
+
+def beam(element: str, **fields: Any) -> SceneDescription:
+    bar = body(box_mesh((0.06, 0.015, 0.015), (4, 1, 1)), young_modulus=8e4)
+    return scene(
+        replace(bar, **LAWS[element]),
+        attachments=(slab("clamp", "world", 0.0),),
+        **{"rayleigh_mass": 2.0, **fields},
+    )
+
+
+def bent(description: SceneDescription, load: float, backend: str) -> Simulation:
+    """A step from straight, already falling at 1 m/s at the tip, under a load in [N] across it."""
+    simulation = Simulation(description, backend)  # type: ignore[arg-type]
+    x = simulation.positions[:, 0] / 0.06
+    simulation.set_velocities(np.stack([0.0 * x, 0.0 * x, -(x**2)], axis=1))
+    simulation.forces[x > 0.99, 2] = -load / np.count_nonzero(x > 0.99)
+    simulation.step()
+    return simulation
+
+
+def end_of_nonlinear_step(simulation: Simulation, load: float) -> Array:
+    """Node positions at the end of the step of `bent`, by the equation itself."""
+    model, h, parameters = simulation.model, simulation.dt, simulation.parameters
+    free, x = model.free_nodes, model.rest[:, 0] / 0.06
+    start = np.zeros_like(model.rest)
+    start[free, 2] = -(x[free] ** 2)
+    forces = model.weight.copy()
+    forces[x > 0.99, 2] -= load / np.count_nonzero(x > 0.99)
+
+    def off(moved: Array) -> Array:
+        rates = np.zeros_like(model.rest)
+        rates[free] = moved.reshape(-1, 3) / h
+        places = model.rest + h * rates
+        pulled = forces + elastic_forces(model.groups, places, parameters.materials)
+        if parameters.rayleigh_stiffness > 0.0:
+            state = model.rest_state()
+            state.positions[:] = places
+            exact = bool(state.extra)  # what is nearly incompressible is not clamped, and keeps its volume
+            stiffness = node_stiffness(model, state, parameters, positive=not exact, mean_share=0.0)
+            pulled -= parameters.rayleigh_stiffness * (stiffness @ rates.ravel()).reshape(-1, 3)
+        pulled -= parameters.rayleigh_mass * model.momentum(rates)
+        return np.asarray((model.momentum(rates - start) / h - pulled)[free].ravel())
+
+    first = (simulation.positions - model.rest)[free].ravel()
+    solution = root(off, 0.9 * first, method="hybr", options={"xtol": 1e-13})
+    assert np.abs(solution.fun).max() < 1e-9, solution.message
+    places = model.rest.copy()
+    places[free] += solution.x.reshape(-1, 3)
+    return np.asarray(places)
+
+
+@pytest.mark.parametrize(
+    ("element", "load", "damping"),
+    [("tet4", 0.3, 0.0), ("tet4", 0.3, 3e-3), ("tet10", 0.02, 0.0), ("tet10", 0.02, 3e-4)],
+)
+def test_many_iterations_reach_the_nonlinear_step(
+    element: str, load: float, damping: float, backend: str
+) -> None:
+    description = beam(element, rayleigh_stiffness=damping)
+    simulation = bent(iterated(description, MANY), load, backend)
+    once = bent(iterated(description, 1), load, backend)
+    expected = end_of_nonlinear_step(simulation, load)
+    assert np.abs(expected - simulation.model.rest).max() > 0.008  # a sixth of its length
+    assert np.abs(once.positions - expected).max() > 1e-4
+    np.testing.assert_allclose(simulation.positions, expected, rtol=0.0, atol=1e-10)
+    assert 2 < simulation.report.iterations < MANY
+    rates = (simulation.positions - simulation.model.rest) / simulation.dt
+    np.testing.assert_allclose(simulation.velocities, rates, atol=1e-9)
+
+
+@pytest.mark.parametrize("load", [0.002, 0.01, 0.02])
+@pytest.mark.parametrize("element", LAWS)
+def test_the_error_of_a_step_is_told(element: str, load: float, backend: str) -> None:
+    """Of the first iteration it is within a factor of 2, from micrometres to millimetres."""
+    once = bent(iterated(beam(element), 1), load, backend)
+    told = once.report.linearisation_error
+    many = bent(iterated(beam(element), MANY), load, backend)
+    apart = np.linalg.norm(once.positions - many.positions, axis=1).max()
+    assert 0.5 < told / apart < 2.0, (told, apart)
+    assert many.report.linearisation_error < 1e-10
+
+
+def test_an_iteration_that_strays_is_taken_back(backend: str) -> None:
+    """A load that turns cells inside out: the step is no worse for it, and tells that it is off."""
+    ends = [bent(iterated(beam("tet10"), most), 0.1, backend) for most in (1, MANY)]
+    np.testing.assert_array_equal(ends[1].positions, ends[0].positions)
+    np.testing.assert_array_equal(ends[1].velocities, ends[0].velocities)
+    assert ends[1].report.linearisation_error > 0.01
+
+
+def test_asking_for_the_error_changes_nothing() -> None:
+    asked, silent = Simulation(machine()), Simulation(machine())
+    for _ in range(5):
+        shaken(asked, 1, 3)
+        shaken(silent, 1, 3)
+        assert asked.report.linearisation_error > 0.0
+    assert asked.snapshot() == silent.snapshot()
+    last = silent.report
+    silent.step()
+    assert np.isnan(last.linearisation_error)  # too late
+
+
+def test_one_iteration_is_the_bare_step(backend: str) -> None:
+    simulation = Simulation(machine(), backend)  # type: ignore[arg-type]
+    built = build(machine())
+    state, bare = built.model.rest_state(), make_stepper(built.model, backend)  # type: ignore[arg-type]
+    control = Control(state.joint_positions.copy(), np.zeros_like(built.model.rest))
+    for _ in range(5):
+        simulation.step()
+        bare.step(state, control, built.parameters)
+    np.testing.assert_array_equal(simulation.positions, state.positions)
+    assert simulation.report.iterations == 1
+
+
+@pytest.mark.numba
+@pytest.mark.parametrize("method", ["implicit_euler", "bossak"])
+def test_back_ends_iterate_alike_with_joints_frames_and_springs(method: str) -> None:
+    pytest.importorskip("numba")
+    described = iterated(machine(), 8)
+    described = replace(described, solver=replace(described.solver, time_integration=method))  # type: ignore[arg-type]
+    fast, readable = (Simulation(described, backend) for backend in ("numba", "scipy"))  # type: ignore[arg-type]
+    plain = Simulation(iterated(described, 1))
+    for simulation in (fast, readable, plain):
+        shaken(simulation, 15, 5)
+    np.testing.assert_allclose(fast.positions, readable.positions, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(fast.joint_efforts, readable.joint_efforts, rtol=1e-6, atol=1e-8)
+    assert fast.report.linearisation_error < 1e-9 < plain.report.linearisation_error
+
+
+def test_a_drive_with_inertia_and_a_lead_feel_all_of_it(backend: str) -> None:
+    """A stiff block far from its limit of strain: one iteration and many tell the same efforts."""
+    described = machine(rayleigh_stiffness=1e-4)
+    ends = []
+    for most in (1, 6):
+        simulation = Simulation(iterated(described, most), backend)  # type: ignore[arg-type]
+        for _ in range(3):
+            simulation.command(simulation.joint_targets + np.array([1e-3, 1e-3, 1e-5, 1e-5]))
+            simulation.step()
+        ends.append(simulation.joint_efforts)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0.02)
+
+
+def test_contacts_hold_in_each_iteration(backend: str) -> None:
+    """A soft block and a ball on it: pressed down, the floor is not passed, and all lies still at last."""
+    block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (-0.015, -0.015, 0.002)), young_modulus=1e4)
+    ball = loose("ball", Shape(sphere=0.008), 0.044, 0.02)
+    described = touching(FLOOR, ball, soft=(block,), rayleigh_stiffness=0.002)
+    many = Simulation(iterated(described, 5, 1e-9), backend)  # type: ignore[arg-type]
+    once = Simulation(described, backend)  # type: ignore[arg-type]
+    worst = told = 0.0
+    for _ in range(40):
+        many.step()
+        once.step()
+        assert many.contacts.gaps.min(initial=0.0) > -1e-6
+        assert many.contacts.residual < 1e-6
+        told = max(told, once.report.linearisation_error)
+        worst = max(worst, many.report.linearisation_error)
+    assert many.report.iterations > 1
+    assert worst < 1e-6 < 4e-6 < told
+    assert comes_back_bit_for_bit(many)
+    for _ in range(60 if many.compiled else 0):
+        many.step()
+        once.step()
+    np.testing.assert_allclose(many.positions[:, 2], once.positions[:, 2], atol=1e-3 if many.compiled else 1)
+
+
+def test_reading_the_error_leaves_the_contacts_told() -> None:
+    block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (-0.015, -0.015, 0.0005)), young_modulus=1e4)
+    simulation, other = (Simulation(touching(FLOOR, soft=(block,))) for _ in range(2))
+    for _ in range(10):
+        simulation.step()
+        other.step()
+    assert simulation.report.linearisation_error > 0.0
+    np.testing.assert_array_equal(simulation.contacts.forces, other.contacts.forces)
+    np.testing.assert_array_equal(simulation.contacts.gaps, other.contacts.gaps)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [({"iterations": 0}, "iterations must be >= 1"), ({"iteration_tolerance": -1.0}, "must be >= 0 m")],
+)
+def test_other_numbers_are_refused(settings: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        SolverSettings(**settings)
