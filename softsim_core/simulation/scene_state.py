@@ -23,6 +23,8 @@ from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
 from softsim_core.dynamics.viscous_step import ViscousStepper, relaxing_groups
+from softsim_core.fem.materials.material import von_mises
+from softsim_core.fem.recovery import stress_at_nodes
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.state import State
@@ -65,6 +67,10 @@ class SceneState:
         )
         cells = [body.mesh.tets + body.nodes.start for body in self.bodies]
         self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
+        self._with_points = [group for group in self.model.filling if len(group.element.points) > 1]
+        self._shown_by_points = np.unique(
+            np.concatenate([np.zeros(0, np.int64), *(group.cells.ravel() for group in self._with_points)])
+        )
 
     def _stepper_of(self, model: Model, collisions: CollisionModel | None) -> Stepper:
         euler, settings = self._euler_of(model), self.scene.solver
@@ -195,9 +201,25 @@ class SceneState:
         """
         return reduced_stiffness(self._stepper, self._state, self.parameters, self.forces)
 
+    def stress(self) -> Array:
+        """Cauchy stress at the nodes in [Pa], world axes, shape (n, 3, 3).
+
+        The mean over the cells around each; of quadratic cells, what their points tell of it at the node.
+        """
+        return stress_at_nodes(self.model.filling, self._state.positions, self.parameters.materials)
+
     def von_mises(self) -> Array:
-        """Von Mises stress at the nodes in [Pa], the mean over the elements around each, shape (n,)."""
-        return np.asarray(self._mean_at_nodes @ self._stepper.von_mises(self._state, self.parameters))
+        """Von Mises stress at the nodes in [Pa], shape (n,).
+
+        The mean over the elements around each; of quadratic cells, that of `stress`.
+        """
+        nodes, result = self._shown_by_points, np.zeros(len(self.model.rest))
+        if len(self._with_points) < len(self.model.filling):
+            result += self._mean_at_nodes @ self._stepper.von_mises(self._state, self.parameters)
+        if len(nodes):
+            places, materials = self._state.positions, self.parameters.materials
+            result[nodes] = von_mises(stress_at_nodes(self._with_points, places, materials)[nodes])
+        return result
 
     def frames(self) -> dict[str, Pose]:
         """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
