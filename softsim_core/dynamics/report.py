@@ -70,7 +70,7 @@ class StepReport:
         times: Time of each stage in [ms]; see dynamics.stages.
         inverted: Number of elements that are inside out or flat at the end of the step (det F <= 0).
         positive: Whether the factorisation found the matrix of the step positive definite.
-        iterations: Of conjugate gradients, all right-hand sides together; 0: the matrix was factored.
+        linear_iterations: Of conjugate gradients, all right-hand sides together; 0: the matrix was factored.
         parts: Equal or unequal parts that the step was done in; see dynamics.substeps.
         iterations: Newton iterations that it took; see dynamics.iterations.
         fallback: How much of the planned matrix was left out until one was positive definite: 0 nothing, 1
@@ -84,7 +84,7 @@ class StepReport:
     times: Mapping[str, float] = field(default_factory=dict)
     inverted: int = 0
     positive: bool = True
-    iterations: int = 0
+    linear_iterations: int = 0
     parts: int = 1
     iterations: int = 1
     fallback: int = 0

@@ -126,7 +126,7 @@ def measure_scale(shape: str, size: str) -> Scale:
         steps.append(1e3 * (process_time() - started))
         stages = simulation.stage_times
         shares.append(stages["factor" if "factor" in stages else "iterate"] / stages["step"])
-        iterations.append(simulation.report.iterations)
+        iterations.append(simulation.report.linear_iterations)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
     plan_s, entries, flops = planned(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []

@@ -66,8 +66,8 @@ def test_steps_are_those_of_a_factor(name: str) -> None:
             if simulation.joint_names:
                 swing(simulation, step)
             simulation.step()
-        count += iterated.report.iterations
-        assert direct.report.iterations == 0
+        count += iterated.report.linear_iterations
+        assert direct.report.linear_iterations == 0
         apart = max(apart, float(np.abs(direct.positions - iterated.positions).max()))
     assert count > 0
     assert apart < 20.0 * TOLERANCE
@@ -99,11 +99,11 @@ def test_a_bar_that_hangs_down_comes_to_rest_where_a_factor_takes_it() -> None:
     for _ in range(600):
         direct.step()
         iterated.step()
-        most = max(most, iterated.report.iterations)
+        most = max(most, iterated.report.linear_iterations)
     assert np.abs(direct.positions - direct.model.rest).max() > 0.05
     assert np.abs(direct.positions - iterated.positions).max() < 20.0 * TOLERANCE
     assert most < 40  # the preconditioner turns with the body
-    assert iterated.report.iterations <= 3  # at rest hardly anything is left to do
+    assert iterated.report.linear_iterations <= 3  # at rest hardly anything is left to do
 
 
 def test_a_snapshot_goes_on_bit_by_bit() -> None:
@@ -126,7 +126,7 @@ def test_tuned_materials_are_taken_over() -> None:
     for _ in range(30):
         direct.step()
         iterated.step()
-        assert iterated.report.iterations < 40
+        assert iterated.report.linear_iterations < 40
     assert np.abs(direct.positions - iterated.positions).max() < 20.0 * TOLERANCE
 
 
@@ -136,20 +136,20 @@ def test_steps_that_do_not_converge_are_factored(monkeypatch: pytest.MonkeyPatch
     for _ in range(15):
         direct.step()
         iterated.step()
-    assert iterated.report.iterations == 0
+    assert iterated.report.linear_iterations == 0
     assert np.abs(direct.positions - iterated.positions).max() < 20.0 * TOLERANCE
 
 
 def test_auto_iterates_where_a_factor_has_too_much_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     small = hanging("auto")
     small.step()
-    assert small.report.iterations == 0
+    assert small.report.linear_iterations == 0
     monkeypatch.setattr(planning, "LARGE", 100)
     monkeypatch.setattr(planning, "CROSSING", 20.0)
     large = hanging("auto")
     large.step()
     large.step()
-    assert large.report.iterations > 0
+    assert large.report.linear_iterations > 0
 
 
 def test_statics_of_such_a_scene_are_solved() -> None:

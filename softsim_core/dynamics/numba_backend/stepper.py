@@ -131,7 +131,13 @@ class NumbaStepper:
         inverted += data.cells.paired.folded(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all that follows
-        return StepReport(float(speed), times, inverted, bool(speed == speed), self._elimination.iterations)
+        return StepReport(
+            float(speed),
+            times,
+            inverted,
+            positive=bool(speed == speed),
+            linear_iterations=self._elimination.iterations,
+        )
 
     def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
         """What taut actuators add to the matrix, times `scale`: where cells take the stress they found."""
@@ -215,6 +221,8 @@ class NumbaStepper:
         still = np.zeros_like(rest.positions)
         if data.cells.paired:
             data.cells.paired.fill(rest, parameters.materials, True, h * lag, lag, still, None, h / lag)
+        if self.model.coupling is not None:
+            data.cells.paired.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
         return (
             motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
             data.cells.arrays, data.nodes, data.rows, data.kinds, _NO_STIFFNESS, data.tree, data.work,
