@@ -225,6 +225,11 @@ class IteratedFreeMotion:
         if motion is not None:
             self.report = self._told(motion.report)
 
+    @property
+    def defect(self) -> Array | None:
+        """See FreeMotion."""
+        return None if self._motion is None else self._motion.defect
+
     def wants_more(self) -> bool:
         """Whether a further iteration is to follow; `state` is where this one has led."""
         if self.count >= self._stepper.most:

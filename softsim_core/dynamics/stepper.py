@@ -124,15 +124,20 @@ class FreeMotion(Protocol):
         report: Of the step.
         violations: Constraint violations s - q + c t of the actuators that the step left to first order,
             shape (c,).
-        defect: After `correct`, where `compliance` is approximate: how much faster in [m/s] the rows end, but
-            those of actuators, than it says, shape (r,); None: it is exact.
     """
 
     state: State
     before: State
     report: StepReport
     violations: Array
-    defect: Array | None
+
+    @property
+    def defect(self) -> Array | None:
+        """After `correct`, where `compliance` is approximate: what it left out of the rows' speed.
+
+        In [m/s], of all rows but those of actuators, shape (r,); None: it is exact.
+        """
+        ...
 
     def compliance(self, rows: Rows) -> Array:
         """H A^-1 H^T of the step's matrix, prescribed joints held, in [1/kg], shape (c + r, c + r).
