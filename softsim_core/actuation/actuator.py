@@ -7,8 +7,10 @@ transmission the step, statics and inverse control keep
     s - q + c t = 0    while t is within its bounds; at a bound, t stays there and s goes where it goes
 
 A cable has the shortening of its way as s and its tension as t, a chamber its volume and its pressure. An
-actuator with `by_multiplier` takes t itself as command. Every actuator belongs to a joint of the scene, whose
-position is s, whose effort is t, and whose limits are those of the command.
+actuator with `by_multiplier` takes t itself as command. Where a transmission is not linear, as the air of a
+line, q and c are those of its tangent at the present t: see `transmission`. What it has to keep from step to
+step, such as an amount of air, stands in the state: see `begin`. Every actuator belongs to a joint of the
+scene, whose position is s, whose effort is t, and whose limits are those of the command.
 
 What a new kind has to say is `place`, `value` and `row`; everything else has a default. Where the row turns
 with the body, `geometric_stiffness` has to be said, too: statics need it, and so do the steps of bodies whose
@@ -31,6 +33,23 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, no_rows
 from softsim_core.mechanics.state import State
+
+
+class Transmission(NamedTuple):
+    """What an actuator keeps, s - q + c t = 0 while t is within its bounds.
+
+    Attributes:
+        command: q.
+        compliance: c >= 0.
+        lower, upper: Bounds of t; equal ones impose it.
+        gain: By how much q grows per unit of what is commanded.
+    """
+
+    command: float
+    compliance: float
+    lower: float
+    upper: float
+    gain: float = 1.0
 
 
 class GeometricStiffness(NamedTuple):
@@ -81,6 +100,8 @@ class Actuator(ABC):
     kind = "actuator"
     surface: IndexArray | None = None
     """Nodes of the faces that its multiplier presses on, shape (m, a); None: it presses on none."""
+    keeps = 0
+    """How many numbers it keeps from step to step."""
 
     def __init__(
         self,
@@ -108,6 +129,29 @@ class Actuator(ABC):
         Equal bounds impose the multiplier.
         """
         return (command, command) if self.by_multiplier else (-math.inf, math.inf)
+
+    def transmission(self, command: float, multiplier: float) -> Transmission:
+        """What it keeps at rest under a command, linearised at a multiplier."""
+        return Transmission(command, self.compliance, *self.bounds(command))
+
+    def command_of(self, value: float, multiplier: float) -> float:
+        """The command under which it rests at a coordinate with a multiplier."""
+        return multiplier if self.by_multiplier else value + self.compliance * multiplier
+
+    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
+        """What it keeps in a step of `span` [s] from a state; `kept` (k,) is what it kept of earlier ones.
+
+        Only asked where `keeps` is not 0.
+        """
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `begin`")
+
+    def end(self, state: State, kept: Array, command: float, span: float) -> None:
+        """Change `kept` (k,) in place, after a step of `span` [s] that ended in a state."""
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `end`")
+
+    def settle(self, state: State, kept: Array, command: float) -> None:
+        """Write `kept` (k,) as it is at rest."""
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `settle`")
 
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
         """-d(H^T t)/dx at a multiplier t; needed where H turns with the body."""

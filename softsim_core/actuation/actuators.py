@@ -14,9 +14,10 @@ from softsim_core.actuation.actuator import (
     no_geometric_stiffness,
 )
 from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.mechanics.control import Control, Transmissions
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, joined
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import KEPT, State
 
 
 class Constraints(NamedTuple):
@@ -26,14 +27,12 @@ class Constraints(NamedTuple):
         joint: Joint of each, shape (c,).
         start: Where the entries of each row begin; the last one ends them, shape (c + 1,).
         place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
-        compliance: c in s - q + c t = 0, shape (c,).
         by_multiplier: Whether the command is the multiplier, shape (c,).
     """
 
     joint: IndexArray
     start: IndexArray
     place: IndexArray
-    compliance: Array
     by_multiplier: BoolArray
 
 
@@ -53,8 +52,16 @@ class ActuatorGroup(Protocol):
         """Entries of the rows H, shape (k, 3)."""
         ...
 
-    def bounds(self, commands: Array) -> tuple[Array, Array]:
-        """Bounds of the multipliers under their commands (c,), shapes (c,)."""
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """What they keep at rest under their commands (c,), linearised at multipliers (c,)."""
+        ...
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """The commands (c,) under which they rest at coordinates (c,) with multipliers (c,)."""
+        ...
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """Those that keep numbers from step to step, with their places among the c."""
         ...
 
     def geometric_stiffness(
@@ -86,7 +93,6 @@ class PlainGroup:
             np.array([each.joint for each in self._actuators], dtype=np.int64),
             np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes, dtype=np.int64)]),
             np.concatenate([np.zeros(0, np.int64), *(each.place for each in self._actuators)]),
-            np.array([each.compliance for each in self._actuators], dtype=float),
             np.array([each.by_multiplier for each in self._actuators], dtype=np.bool_),
         )
 
@@ -98,11 +104,20 @@ class PlainGroup:
         """See ActuatorGroup."""
         return np.concatenate([np.zeros((0, 3)), *(each.row(model, state) for each in self._actuators)])
 
-    def bounds(self, commands: Array) -> tuple[Array, Array]:
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
         """See ActuatorGroup."""
-        pairs = [each.bounds(float(q)) for each, q in zip(self._actuators, commands, strict=True)]
-        table = np.array(pairs, dtype=float).reshape(-1, 2)
-        return table[:, 0].copy(), table[:, 1].copy()
+        given = zip(self._actuators, commands.tolist(), multipliers.tolist(), strict=True)
+        table = np.array([each.transmission(q, t) for each, q, t in given], dtype=float).reshape(-1, 5)
+        return Transmissions(*np.ascontiguousarray(table.T))
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """See ActuatorGroup."""
+        given = zip(self._actuators, values.tolist(), multipliers.tolist(), strict=True)
+        return np.array([each.command_of(s, t) for each, s, t in given], dtype=float)
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """See ActuatorGroup."""
+        return [(c, each) for c, each in enumerate(self._actuators) if each.keeps]
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
@@ -148,8 +163,9 @@ class Actuators:
         groups: The groups.
         constraints: What never changes in all rows.
         joint: Joint of each actuator, shape (c,).
-        compliance: See Constraints.
         multiplied: Joints commanded by a multiplier.
+        keeps: How many numbers all of them keep from step to step, in State.extra["actuators"].
+        paced: Joints whose command is no coordinate, but what drives it: a multiplier, or what a pump does.
     """
 
     def __init__(self, groups: Sequence[ActuatorGroup] = ()) -> None:
@@ -157,19 +173,25 @@ class Actuators:
         parts = [group.constraints for group in self.groups]
         self._rows = np.concatenate([[0], np.cumsum([len(part.joint) for part in parts])]).astype(int)
         self._entries = np.concatenate([[0], np.cumsum([len(part.place) for part in parts])]).astype(int)
-        none, index = np.zeros(0), np.zeros(0, np.int64)
+        index = np.zeros(0, np.int64)
         starts = [part.start[:-1] + end for part, end in zip(parts, self._entries[:-1], strict=True)]
         self.constraints = Constraints(
             np.concatenate([index, *(part.joint for part in parts)]),
             np.concatenate([index, *starts, self._entries[-1:]]),
             np.concatenate([index, *(part.place for part in parts)]),
-            np.concatenate([none, *(part.compliance for part in parts)]),
             np.concatenate([np.zeros(0, np.bool_), *(part.by_multiplier for part in parts)]),
         )
         self.joint = self.constraints.joint
-        self.compliance = self.constraints.compliance
-        self._unbounded = none, none
+        self._none = Transmissions(*np.zeros((5, 0)))
         self.multiplied: IndexArray = self.joint[self.constraints.by_multiplier]
+        first = self._rows.tolist()
+        keeping = [(first[g] + c, each) for g, group in enumerate(self.groups) for c, each in group.keeping()]
+        ends = np.cumsum([0, *(each.keeps for _, each in keeping)]).tolist()
+        self.keeps: int = ends[-1]
+        self._keeping = [
+            (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)
+        ]  # row, actuator, its part of what is kept
+        self.paced: IndexArray = np.union1d(self.multiplied, self.joint[[row for row, _ in keeping]])
 
     def __len__(self) -> int:
         return len(self.joint)
@@ -192,20 +214,45 @@ class Actuators:
         coefficient = np.concatenate([np.zeros((0, 3)), *parts])
         return Rows(self.constraints.start, self.constraints.place, coefficient)
 
-    def violations(self, model: Model, state: State, commands: Array) -> Array:
-        """How far s is beyond q, of all actuators under the commands of all joints (j,), shape (c,)."""
-        return np.asarray(self.values(model, state) - commands[self.joint])
-
-    def bounds(self, commands: Array) -> tuple[Array, Array]:
-        """Bounds of the multipliers under the commands of all joints (j,), shapes (c,)."""
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """What all actuators keep at rest under their commands (c,), linearised at multipliers (c,)."""
         if not self.groups:
-            return self._unbounded
+            return self._none
         if len(self.groups) == 1:
-            return self.groups[0].bounds(commands[self.joint])
-        own, none = commands[self.joint], np.zeros(0)
-        pairs = [group.bounds(own[rows]) for group, rows, _ in self.spans()]
-        lower, upper = (np.concatenate([none, *(pair[side] for pair in pairs)]) for side in (0, 1))
-        return lower, upper
+            return self.groups[0].transmissions(commands, multipliers)
+        parts = [group.transmissions(commands[rows], multipliers[rows]) for group, rows, _ in self.spans()]
+        return Transmissions(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """The commands (c,) under which all rest at coordinates (c,) with multipliers (c,)."""
+        parts = [group.commands_of(values[rows], multipliers[rows]) for group, rows, _ in self.spans()]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def kept_in(self, state: State, control: Control) -> Transmissions:
+        """What all actuators keep in a step from a state: what the control says, else what targets say."""
+        if control.transmissions is not None:
+            return control.transmissions
+        return self.transmissions(control.targets[self.joint], state.joint_efforts[self.joint])
+
+    def begin(self, state: State, commands: Array, span: float) -> Transmissions:
+        """What all keep in a step of `span` [s] from a state, under the commands of all joints (j,)."""
+        own = commands[self.joint]
+        result = self.transmissions(own, state.joint_efforts[self.joint])
+        for row, actuator, part in self._keeping:
+            found = actuator.begin(state, state.extra[KEPT][part], float(own[row]), span)
+            for array, value in zip(result, found, strict=True):
+                array[row] = value
+        return result
+
+    def end(self, state: State, commands: Array, span: float) -> None:
+        """Take note of a step of `span` [s] that ended in a state, under the commands of all joints (j,)."""
+        for row, actuator, part in self._keeping:
+            actuator.end(state, state.extra[KEPT][part], float(commands[self.joint[row]]), span)
+
+    def settle(self, state: State, commands: Array) -> None:
+        """Take note that a state is at rest under the commands of all joints (j,)."""
+        for row, actuator, part in self._keeping:
+            actuator.settle(state, state.extra[KEPT][part], float(commands[self.joint[row]]))
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False

@@ -18,10 +18,9 @@ from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns, jacobian
 from softsim_core.dynamics.stepper import Stepper
-from softsim_core.errors import SceneError, listing
 from softsim_core.linalg.bounded import solve_bounded
 from softsim_core.linalg.linear_solver import Factors
-from softsim_core.mechanics.control import Parameters
+from softsim_core.mechanics.control import Parameters, Transmissions
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, joined, no_rows, sparse_rows
 from softsim_core.mechanics.state import State
@@ -75,23 +74,18 @@ def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, fo
     """Static stiffness of frames and joints, the free nodes following in equilibrium, shape (b, b).
 
     Drives and the turning of the loads (weight and `forces` (n, 3) in [N]) are included; actuators keep their
-    coordinates, at a bound or not, and their joints stand for their commands q. With S, Z and W of
+    coordinates, at a bound or not, and their joints stand for what is commanded. With S, Z and W of
     StaticTangent.condensed it is S + Z (W + D)^-1 Z^T: D is c for s - q and 1 / w for a row of geometric
-    stiffness w.
+    stiffness w. The row of an actuator tells of its multiplier times its gain, see command_gains. Of one that
+    is commanded by its multiplier, the row tells of -s instead: with o the rows above and p these, that is
+    Z_o (W_oo + D)^-1 W_op - Z_p.
 
     Raises:
         FactorisationError: the free nodes have no equilibrium that stays.
-        SceneError: an actuator is commanded by its multiplier, so its joint has no stiffness.
     """
     model, actuators = stepper.model, stepper.actuators
     if not len(actuators):
         return stepper.static_tangent(state, parameters, forces).condensed(no_rows()).stiffness
-    if len(actuators.multiplied):
-        names = listing(model.joints[j].name for j in actuators.multiplied)
-        raise SceneError(
-            f"inverse control needs actuators that are commanded by how far they go, not {names}: change "
-            "their `control` in the scene"
-        )
     multipliers = state.joint_efforts[actuators.joint]
     rows = actuators.rows(model, state)
     spread, _ = sparse_rows(rows, len(model.rest), model.reduced_size)
@@ -102,17 +96,48 @@ def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, fo
     if pressed and not within:
         tangent = stepper.static_tangent(state, parameters, loads)
     geometric = actuators.geometric_stiffness(model, state, multipliers, without_surfaces=within)
-    every = joined([_less_command(model, actuators, rows), geometric.rows])
+    kept = _kept_at(stepper, state)
+    given = actuators.constraints.by_multiplier
+    gain = np.where(given, 0.0, kept.gain)
+    every = joined([_less_command(model, actuators, rows, gain), geometric.rows])
     stiffness, arriving, compliance = tangent.condensed(every)
-    compliance[range(every.height), range(every.height)] += np.append(
-        actuators.compliance, 1.0 / geometric.weight
+    compliance[range(every.height), range(every.height)] += np.append(kept.compliance, 1.0 / geometric.weight)
+    imposed = np.flatnonzero(given)
+    held = np.setdiff1d(np.arange(every.height), imposed)
+    answer = np.linalg.solve(
+        compliance[np.ix_(held, held)],
+        np.hstack([arriving[:, held].T, compliance[np.ix_(held, imposed)]]),
     )
-    return np.asarray(stiffness + arriving @ np.linalg.solve(compliance, arriving.T))
+    size = len(stiffness)
+    stiffness = stiffness + arriving[:, held] @ answer[:, :size]
+    if len(imposed):
+        at = size - len(model.joints) + actuators.joint[imposed]
+        across = arriving[:, held] @ answer[:, size:] - arriving[:, imposed]
+        stiffness[:, at] += across
+        stiffness[at] += across.T
+        eased = compliance[np.ix_(imposed, held)] @ answer[:, size:]
+        stiffness[np.ix_(at, at)] += eased - compliance[np.ix_(imposed, imposed)]
+    return np.asarray(stiffness)
 
 
-def _less_command(model: Model, actuators: Actuators, rows: Rows) -> Rows:
-    """The rows of s - q: the command stands at the place of the actuator's joint."""
+def command_gains(stepper: Stepper, state: State) -> Array:
+    """How much of what it holds a unit of each joint's command is, shape (j,); 0 where that is its effort."""
+    actuators, gains = stepper.actuators, np.ones(len(stepper.model.joints))
+    gains[actuators.joint] = _kept_at(stepper, state).gain
+    gains[actuators.multiplied] = 0.0
+    return gains
+
+
+def _kept_at(stepper: Stepper, state: State) -> Transmissions:
+    """What the actuators keep where a state is, as if it were at rest."""
+    actuators, multipliers = stepper.actuators, state.joint_efforts[stepper.actuators.joint]
+    values = actuators.values(stepper.model, state)
+    return actuators.transmissions(actuators.commands_of(values, multipliers), multipliers)
+
+
+def _less_command(model: Model, actuators: Actuators, rows: Rows, gain: Array) -> Rows:
+    """The rows of s - q: the command, times `gain` (c,), stands at the place of the actuator's joint."""
     ends, first = rows.start[1:], len(model.rest) + 6 * len(model.frame_names)
-    coefficient = np.insert(rows.coefficient, ends, np.array([-1.0, 0.0, 0.0]), axis=0)
+    coefficient = np.insert(rows.coefficient, ends, np.outer(-gain, [1.0, 0.0, 0.0]), axis=0)
     place = np.insert(rows.place, ends, first + actuators.joint)
     return Rows(rows.start + np.arange(rows.height + 1), place, coefficient)

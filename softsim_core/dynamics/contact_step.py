@@ -254,24 +254,24 @@ class ContactStepper(StepperAround):
         reaches = len(touching.rows.place) > 0  # what is not rigid
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
+        kept = self.actuators.kept_in(before, control)
         if reaches:
             assert not isinstance(motion, Uncorrected)  # see _hold
             compliance = h * h * motion.compliance(touching.rows)
-            np.einsum("ii->i", compliance)[:acting] += self.actuators.compliance
+            np.einsum("ii->i", compliance)[:acting] += kept.compliance[:acting]
         moves = model.rigid.response(before, touching.on_rigid)
         compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
         watch.mark("compliance")
         multipliers = state.joint_efforts[self.actuators.joint][:acting]
         gap = np.append(motion.violations[:acting], touching.gap)
         gap -= compliance[:, :acting] @ multipliers
-        lower, upper = self.actuators.bounds(control.targets)
         first = np.append(multipliers, touching.first_forces(warm_start))
         wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
         for _ in range(MOST_ROUNDS):
             solution = solve_contacts(
                 compliance,
                 gap + wrong,
-                (lower[:acting], upper[:acting]),
+                (kept.lower[:acting], kept.upper[:acting]),
                 touching.friction,
                 first,
                 touching.settings.iterations,

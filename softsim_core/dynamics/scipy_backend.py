@@ -88,7 +88,7 @@ class ScipyStepper:
             known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
         solved = _Solved(state, matrix, factors, mapping, self.actuators)
-        pulled = self._hold_actuators(solved, change, targets)
+        pulled = self._hold_actuators(solved, change, control)
         ended = perf_counter()
 
         state.velocities[at.free] += change[: at.first_reduced].reshape(-1, 3)
@@ -119,7 +119,7 @@ class ScipyStepper:
         )
         return solved
 
-    def _hold_actuators(self, solved: _Solved, change: Array, targets: Array) -> Array:
+    def _hold_actuators(self, solved: _Solved, change: Array, control: Control) -> Array:
         """Find the multipliers t, add what they do to the change of velocity (d,); returns H^T t (d,)."""
         actuators, model, h, at, state = (
             self.actuators,
@@ -130,14 +130,15 @@ class ScipyStepper:
         )
         if not len(actuators):
             return np.zeros(at.size)
+        kept = actuators.kept_in(state, control)
         solved.values, solved.rows = actuators.values(model, state), actuators.rows(model, state)
         spread = solved.spread(model, at, solved.rows)
         after = change.copy()
         after[: at.first_reduced] += state.velocities[at.free].ravel()
         after[at.first_reduced :] += state.reduced_velocities
-        compliance = h * h * solved.compliance(at, spread) + np.diag(actuators.compliance)
-        violations = solved.values - targets[actuators.joint] + h * (spread.T @ after)
-        solved.multipliers = solve_bounded(compliance, violations, *actuators.bounds(targets))
+        compliance = h * h * solved.compliance(at, spread) + np.diag(kept.compliance)
+        violations = solved.values - kept.command + h * (spread.T @ after)
+        solved.multipliers = solve_bounded(compliance, violations, kept.lower, kept.upper)
         solved.violations = violations + compliance @ solved.multipliers
         pulled = np.asarray(spread @ solved.multipliers)
         change += solved.answer(at, h * pulled)

@@ -140,8 +140,9 @@ class _Problem:
         self.start.velocities[:] = 0.0
         self.start.reduced_velocities[:] = 0.0
         # while the problem is solved, the position of an actuator's joint is its command
-        taken_up = actuators.compliance * self._multipliers(self.start)
-        self.start.joint_positions[actuators.joint] = actuators.values(model, self.start) + taken_up
+        self.start.joint_positions[actuators.joint] = actuators.commands_of(
+            actuators.values(model, self.start), self._multipliers(self.start)
+        )
         self.first_targets = self.start.joint_positions.copy()
         self.first_targets[actuators.multiplied] = self.start.joint_efforts[actuators.multiplied]
         self.first_shift = float(self.start.base_shift[0])
@@ -232,6 +233,7 @@ class _Problem:
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
         state.joint_efforts[self.actuators.joint] = multipliers
         self.actuators.measure(self.model, state)
+        self.actuators.settle(state, self.control.targets)
         spring = self.at.drive * (self.control.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
         return self._unbalanced(residual)
@@ -266,8 +268,9 @@ class _Problem:
             rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
             forces = forces + (rows.on_nodes.T @ multipliers).reshape(-1, 3)
             residual[at.first_reduced : at.size] = rows.on_reduced.T @ multipliers
-            residual[at.size :] = actuators.violations(model, state, state.joint_positions)
-            residual[at.size :] += actuators.compliance * multipliers
+            kept = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
+            residual[at.size :] = actuators.values(model, state) - kept.command
+            residual[at.size :] += kept.compliance * multipliers
         residual[: at.size] += jacobian(model, at, state).T @ forces.ravel()
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
@@ -294,11 +297,13 @@ class _Problem:
             if not self.held:
                 return factors
             rows = rows_on_unknowns(self.model, at, state, self.actuators.rows(self.model, state))
+            commands = self._targets(fraction)[self.actuators.joint]
+            kept = self.actuators.transmissions(commands, self._multipliers(state))
             return ActuatedFactors(
                 factors,
                 rows.on_unknowns[:, at.solved],
-                self.actuators.compliance,
-                self.actuators.bounds(self._targets(fraction)),
+                kept.compliance,
+                (kept.lower, kept.upper),
             )
         except FactorisationError:
             residual, _ = self._residual(state, fraction)

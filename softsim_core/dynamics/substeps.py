@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Stepper, StepperAround
 from softsim_core.dynamics.strains import strain_measure
@@ -88,7 +90,7 @@ class SubstepStepper(StepperAround):
     def _halfway(self, state: State, control: Control) -> Control:
         """What acts in the first half: motions go half the way, forces and springs act as they do."""
         targets = 0.5 * (state.joint_positions + control.targets)
-        compliant = self.model.compliant_joints
-        targets[compliant] = control.targets[compliant]
+        driven = np.union1d(self.model.compliant_joints, self.actuators.paced)
+        targets[driven] = control.targets[driven]
         shift = 0.5 * (float(state.base_shift[0]) + control.base_shift)
         return replace(control, targets=targets, base_shift=shift)

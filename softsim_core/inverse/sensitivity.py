@@ -66,6 +66,9 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
         drive = drive_stiffness(model)
         moved = np.linalg.solve(*_driven(effort, drive))
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
+    gains = simulation.command_gains()
+    given = gains == 0.0  # these command their effort
+    effort = np.where(given[:, None], np.eye(len(gains)), effort / np.where(given, 1.0, gains)[:, None])
     return Sensitivity(follow[first : first + 6], effort)
 
 

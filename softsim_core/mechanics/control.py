@@ -3,8 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from softsim_core.arrays import Array, float_array
+
+
+class Transmissions(NamedTuple):
+    """What c actuators keep: s - q + c t = 0 while t is within its bounds; see actuation.actuator.
+
+    Attributes:
+        command: q, shape (c,).
+        compliance: c >= 0, shape (c,).
+        lower, upper: Bounds of the multipliers t, shapes (c,).
+        gain: By how much q grows per unit of what is commanded, shape (c,).
+    """
+
+    command: Array
+    compliance: Array
+    lower: Array
+    upper: Array
+    gain: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,6 +38,8 @@ class Control:
             about it, world axes, shape (r, 6); None: none.
         carried: Velocities in [m/s] of the nodes, shape (n, 3), that damping per stiffness takes beside those
             of the state; None: none.
+        transmissions: What actuators keep during the step, where some of them have a past; None: what their
+            targets alone say.
 
     Raises:
         ArrayError: an array of another number of axes or columns, or not of real numbers. Others are taken as
@@ -31,6 +51,7 @@ class Control:
     base_shift: float = 0.0
     rigid_forces: Array | None = None
     carried: Array | None = None
+    transmissions: Transmissions | None = None
 
     def __post_init__(self) -> None:
         keep = object.__setattr__

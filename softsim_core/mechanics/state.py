@@ -19,6 +19,10 @@ REDUCED_ACCELERATION = "reduced_acceleration"
 """Name in State.extra of those of frames and joints, shape (r,)."""
 
 
+KEPT = "actuators"
+"""Name in State.extra of what actuators keep from step to step, one behind the other, shape (k,)."""
+
+
 def memory_name(group: int) -> str:
     """Name in State.extra of what the cells of a relaxing law remember; see fem.prony."""
     return f"memory_{group}"

@@ -20,7 +20,14 @@ from softsim_core.fem.prony import memory_shape
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.mechanics.state import ACCELERATION, MOVED, REDUCED_ACCELERATION, held_name, memory_name
+from softsim_core.mechanics.state import (
+    ACCELERATION,
+    KEPT,
+    MOVED,
+    REDUCED_ACCELERATION,
+    held_name,
+    memory_name,
+)
 from softsim_core.mesh import (
     SurfaceMesh,
     TetMesh,
@@ -92,22 +99,25 @@ def build(scene: SceneDescription) -> BuiltScene:
         rigid=rigid_bodies(scene),
         coupling=_coupling(scene, bodies, filling),
     )
-    model = replace(model, extra_state=_extra_state(scene, model))
+    acting = actuators(scene, model, bodies)
+    model = replace(model, extra_state=_extra_state(scene, model, acting))
     parameters = Parameters(
         materials=[dict(values) for _, values in scene.materials],
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
-    return BuiltScene(model, parameters, bodies, rigid_objects(scene), actuators(scene, model, bodies))
+    return BuiltScene(model, parameters, bodies, rigid_objects(scene), acting)
 
 
-def _extra_state(scene: SceneDescription, model: Model) -> dict[str, tuple[int, ...]]:
-    """Shapes of what the scene's elements and its step keep beside places and velocities."""
+def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> dict[str, tuple[int, ...]]:
+    """Shapes of what the scene's elements, actuators and its step keep beside places and velocities."""
     shapes: dict[str, tuple[int, ...]] = {}
     if any(map(takes_found_stress, model.groups)):
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,)}
+    if acting.keeps:
+        shapes[KEPT] = (acting.keeps,)
     for k, group in enumerate(model.groups):
         if isinstance(group.material, Relaxing):
             shapes[memory_name(k)] = memory_shape(group)

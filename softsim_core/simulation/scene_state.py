@@ -14,11 +14,12 @@ from softsim_core.arrays import Array, IndexArray, float_array
 from softsim_core.contact.collision_model import CollisionModel
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics import Backend
-from softsim_core.dynamics.actuator_statics import reduced_stiffness
+from softsim_core.dynamics.actuator_statics import command_gains, reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
 from softsim_core.dynamics.iterations import IteratedStepper
+from softsim_core.dynamics.keeping_step import KeepingStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
@@ -80,7 +81,9 @@ class SceneState:
         stepper: Stepper = smooth or euler
         if collisions is not None or model.rigid.names:
             stepper = ContactStepper(euler, collisions, smooth)
-        return ViscousStepper(stepper) if relaxing_groups(model) else stepper
+        if relaxing_groups(model):
+            stepper = ViscousStepper(stepper)
+        return KeepingStepper(stepper) if self._actuators.keeps else stepper
 
     def _euler_of(self, model: Model) -> IteratedStepper:
         settings = self.scene.solver
@@ -207,6 +210,13 @@ class SceneState:
         The mean over the cells around each; of quadratic cells, what their points tell of it at the node.
         """
         return stress_at_nodes(self.model.filling, self._state.positions, self.parameters.materials)
+
+    def command_gains(self) -> Array:
+        """How much of what it holds a unit of each joint's command is, shape (j,); 0 where it is its effort.
+
+        A unit of air that is pumped into a line under pressure is less than that in the hollow.
+        """
+        return command_gains(self._stepper, self._state)
 
     def von_mises(self) -> Array:
         """Von Mises stress at the nodes in [Pa], shape (n,).

@@ -1,7 +1,7 @@
 """The pressure in each chamber as `chambers/JOINT/pressure` (sensor_msgs/FluidPressure), once a step.
 
 A joint's effort is the pressure against the air around; the message wants it against vacuum. So the pressure
-of the standard atmosphere is added, at any height. The variance is 0: unknown.
+of the atmosphere that the scene names is added, at any height. The variance is 0: unknown.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import FluidPressure
 
-from softsim_core.actuation.chamber import ATMOSPHERE, ChamberDescription
+from softsim_core.actuation.chamber import ChamberDescription
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
 
@@ -35,7 +35,7 @@ class ChamberPublications:
     def __init__(self, node: Node, frame: str) -> None:
         self._node, self._frame = node, frame
         self._publishers: dict[str, Publisher] = {}
-        self._joints: list[int] = []
+        self._joints: list[tuple[int, float]] = []  # and the atmosphere in [Pa] around each
 
     def show_scene(self, simulation: Simulation) -> None:
         """Have publishers for a scene's chambers and no others; a topic that stays keeps its publisher.
@@ -44,9 +44,11 @@ class ChamberPublications:
         """
         joints = simulation.robot.joints
         self._joints = [
-            number for number, joint in enumerate(joints) if isinstance(joint.actuator, ChamberDescription)
+            (number, joint.actuator.atmosphere)
+            for number, joint in enumerate(joints)
+            if isinstance(joint.actuator, ChamberDescription)
         ]
-        topics = chamber_topics([joints[number].name for number in self._joints])
+        topics = chamber_topics([joints[number].name for number, _ in self._joints])
         before, self._publishers = self._publishers, {}
         for topic in before.keys() - set(topics):
             self._node.destroy_publisher(before.pop(topic))
@@ -60,8 +62,8 @@ class ChamberPublications:
         if not self._joints:
             return
         efforts = simulation.joint_efforts
-        for joint, publisher in zip(self._joints, self._publishers.values(), strict=True):
-            pressure = ATMOSPHERE + float(efforts[joint])
+        for (joint, around), publisher in zip(self._joints, self._publishers.values(), strict=True):
+            pressure = around + float(efforts[joint])
             publisher.publish(messages.fluid_pressure(stamp, self._frame, pressure))
 
 

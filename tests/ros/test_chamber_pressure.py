@@ -17,7 +17,13 @@ from softsim_ros.simulator.chambers import chamber_topics  # noqa: E402
 
 TOPIC = "/tripod/chambers/air/pressure"
 TYPE = "sensor_msgs/msg/FluidPressure"
-AIR_AROUND = 101_325.0
+AIR_AROUND = 90_000.0
+JOINT = f"""joints:
+  - name: air
+    kind: chamber
+    limits: {{lower: -2.0e+3, upper: 1.0e+4, speed: 1.0e+4}}
+    chamber: {{body: cube, control: pressure, atmosphere: {AIR_AROUND}}}
+"""
 
 
 @pytest.mark.parametrize(
@@ -37,9 +43,9 @@ def test_every_name_of_a_joint_gives_a_topic_of_its_own(names: list[str], words:
 
 @pytest.fixture(scope="module")
 def cube(start_robot: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The inflated cube in the namespace of the tests' client."""
+    """The inflated cube in the namespace of the tests' client, on a mountain."""
     file = tmp_path_factory.mktemp("scene") / "cube.yaml"
-    file.write_text(f"extends: {load_scene('inflated_cube').source}\nname: tripod\n")
+    file.write_text(f"extends: {load_scene('inflated_cube').source}\nname: tripod\n{JOINT}")
     return start_robot(robot=str(file))
 
 

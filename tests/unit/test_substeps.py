@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from softsim_core.scene.description import JointDescription, SolverSettings
 class Shearing:
     """Stands in for a step: shears at a rate [1/s], or fails, and notes what it was told."""
 
-    name, compiled, actuators = "shearing", False, None
+    name, compiled = "shearing", False
+    actuators = SimpleNamespace(paced=np.zeros(0, np.int64))
 
     def __init__(
         self, model: Model, rate: float, fails_above: float, told: list[tuple[float, Control]]
@@ -58,6 +60,16 @@ CONTROL = Control(np.array([0.4, 0.8]), np.zeros((27, 3)), base_shift=0.01)
 
 def advance(made: SubstepStepper, state: State) -> StepReport:
     return made.step(state, CONTROL, Parameters([{}], 0.0, 0.0))
+
+
+def test_a_command_of_pressure_is_the_same_in_each_half() -> None:
+    """It is no place that a joint is on its way to."""
+    made, state, told = stepper(rate=100.0, most=2)
+    made.actuators = SimpleNamespace(paced=np.array([0]))  # type: ignore[assignment]
+    advance(made, state)
+    first = next(control for dt, control in told if dt == 0.005)
+    assert first.targets.tolist() == [0.4, 0.8]
+    assert first.base_shift == 0.005
 
 
 def test_a_step_that_strains_little_is_whole() -> None:

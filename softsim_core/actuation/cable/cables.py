@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.actuation.actuator import ActuatorView, GeometricStiffness
+from softsim_core.actuation.actuator import Actuator, ActuatorView, GeometricStiffness
 from softsim_core.actuation.actuators import Constraints
 from softsim_core.actuation.cable.layout import RowLayout
 from softsim_core.actuation.compiled.cables import IN_BODY, IN_WORLD, CableArrays
 from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.mechanics.control import Transmissions
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
@@ -91,8 +92,7 @@ class Cables:
     @property
     def constraints(self) -> Constraints:
         """See ActuatorGroup."""
-        layout, none = self.layout, np.zeros(len(self.names))
-        return Constraints(self.joint, layout.start, layout.place, none, self.by_force)
+        return Constraints(self.joint, self.layout.start, self.layout.place, self.by_force)
 
     def values(self, model: Model, state: State) -> Array:
         """Displacements in [m], shape (c,)."""
@@ -104,6 +104,19 @@ class Cables:
             return self.lower, self.upper
         wanted = np.clip(commands, self.lower, self.upper)
         return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
+
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """See ActuatorGroup."""
+        size = len(commands)
+        return Transmissions(commands, np.zeros(size), *self.bounds(commands), np.ones(size))
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """See ActuatorGroup."""
+        return np.where(self.by_force, multipliers, values)
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """See ActuatorGroup: none."""
+        return []
 
     def points(self, model: Model, state: State) -> Array:
         """All points in [m], shape (p, 3)."""

@@ -21,12 +21,15 @@ continuum mechanics for finite element analysis, 8.5.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.actuation.actuator import Actuator, GeometricStiffness, no_geometric_stiffness
+from softsim_core.actuation.actuator import Actuator, GeometricStiffness, Transmission, no_geometric_stiffness
 from softsim_core.actuation.building import Placed, Surroundings, plain_kind
 from softsim_core.actuation.chamber.description import ChamberDescription
+from softsim_core.actuation.chamber.pump_line import LEAST, PumpLine
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
@@ -37,6 +40,8 @@ from softsim_core.mesh.faces import cavities, encloses
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _WEAK = 1e-9
 """Parts of the stiffness below this share of the largest are left out."""
+REACHED = 1e-9
+"""A pressure this near to another, as a part of the atmosphere's, has reached it."""
 
 
 class Chamber(Actuator):
@@ -60,12 +65,10 @@ class Chamber(Actuator):
             placed.name,
             placed.joint,
             nodes + surroundings.first_node[described.body],
-            compliance=described.line_compliance,
             by_multiplier=described.control == "pressure",
         )
         self.faces: IndexArray = numbered.reshape(faces.shape)
         self.surface = self.place[self.faces]
-        self._limits = described.min_pressure, described.max_pressure
         count = faces.shape[1]
         self._twist, self._pairs = _TWISTS[count], np.triu_indices(count, 1)
         one, two = self._pairs  # dV/dx from x_b x x_c of each pair b < c
@@ -75,6 +78,13 @@ class Chamber(Actuator):
         rest = surroundings.model.rest[self.place]
         self._middle = rest.mean(axis=0)
         self.rest_volume = self._volume((rest - self._middle)[self.faces])
+        self.line = _line(described, self.rest_volume)
+        lowest = (LEAST - 1.0) * self.line.atmosphere if self.line.softness else -self.line.atmosphere
+        self._limits = max(described.min_pressure, lowest), described.max_pressure
+        past = self.line.flow_limit < math.inf or (
+            not self.by_multiplier and (self.line.softness > 0.0 or self.line.leak > 0.0)
+        )
+        self.keeps = 2 if past else 0  # the amount of air, and how much the pump has pushed in
 
     def value(self, model: Model, state: State) -> float:
         """By how much the volume has grown, in [m^3]."""
@@ -84,13 +94,69 @@ class Chamber(Actuator):
         """DV/dx in [m^2], shape (k, 3)."""
         return np.asarray(self._spread @ self._slopes(self._corners(state)).reshape(-1, 3))
 
-    def bounds(self, command: float) -> tuple[float, float]:
-        """See Actuator."""
-        low, high = self._limits
+    def transmission(self, command: float, multiplier: float) -> Transmission:
+        """See Actuator; where nothing pumps for good, a line that leaks is empty at rest."""
+        line, (low, high) = self.line, self._limits
         if self.by_multiplier:
-            wanted = min(max(command, low), high)
-            return wanted, wanted
-        return low, high
+            most = line.flow_limit / line.leak if line.leak else math.inf
+            low = high = min(max(self._wanted(command), -most), most)
+            return Transmission(command, 0.0, low, high)
+        if line.leak:
+            low = high = 0.0
+        return self._tangent(command, 0.0, multiplier, (low, high))
+
+    def command_of(self, value: float, multiplier: float) -> float:
+        """See Actuator."""
+        return multiplier if self.by_multiplier else self.line.amount(value, multiplier)
+
+    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
+        """See Actuator. A regulator gives all it can until the pressure is there, or takes all it can."""
+        line, (low, high) = self.line, self._limits
+        pressure = float(state.joint_efforts[self.joint])
+        amount, pumped = kept.tolist()
+        most, lost = span * line.flow_limit, span * line.leak
+        if not self.by_multiplier:
+            return self._tangent(amount + _between(command - pumped, most), lost, pressure, (low, high))
+        wanted = self._wanted(command)
+        rates = state.reduced_velocities[len(state.reduced_velocities) - len(state.joint_positions) :]
+        ahead = float(state.joint_positions[self.joint] + span * rates[self.joint])
+        if line.amount(ahead, wanted) + lost * wanted > amount:
+            return self._tangent(amount + most, lost, pressure, (low, wanted))
+        return self._tangent(amount - most, lost, pressure, (wanted, high))
+
+    def end(self, state: State, kept: Array, command: float, span: float) -> None:
+        """See Actuator; at a bound of the pressure, as much air was let in or out as it took."""
+        line, (low, high) = self.line, self._limits
+        growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
+        amount, pumped = kept.tolist()
+        flow, near = span * line.flow_limit, REACHED * line.atmosphere
+        free = low + near < pressure < high - near
+        if self.by_multiplier:
+            missing = self._wanted(command) - pressure
+            flow, free = math.copysign(flow, missing), free and abs(missing) > near
+        else:
+            flow = _between(command - pumped, flow)
+            pumped += flow
+        amount += flow - span * line.leak * pressure
+        kept[:] = amount if free else line.amount(growth, pressure), pumped
+
+    def settle(self, state: State, kept: Array, command: float) -> None:
+        """See Actuator."""
+        growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
+        kept[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
+
+    def _wanted(self, command: float) -> float:
+        """The pressure that a command of pressure asks for, within its limits."""
+        return min(max(command, self._limits[0]), self._limits[1])
+
+    def _tangent(
+        self, amount: float, lost: float, pressure: float, bounds: tuple[float, float]
+    ) -> Transmission:
+        """What the line keeps about a pressure, of an amount less `lost` times the pressure."""
+        line, share = self.line, self.line.share(pressure)
+        left = amount - lost * pressure
+        slope = line.slope(left, pressure) + lost * share
+        return Transmission(line.growth(left, pressure) + slope * pressure, slope, *bounds, share)
 
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
         """See Actuator: the eigenvectors of each face's part of -p d2V/dx2."""
@@ -125,6 +191,24 @@ class Chamber(Actuator):
 
     def _volume(self, corners: Array) -> float:
         return float((corners * self._slopes(corners)).sum() / 3.0)
+
+
+def _line(described: ChamberDescription, volume: float) -> PumpLine:
+    """The line of a chamber whose hollow has a volume in [m^3] at rest."""
+    air = described.line_volume is not None
+    return PumpLine(
+        volume=volume + (described.line_volume or 0.0),
+        atmosphere=described.atmosphere,
+        softness=1.0 / described.exponent if air else 0.0,
+        compliance=described.line_compliance,
+        leak=described.leak,
+        flow_limit=described.flow_limit,
+    )
+
+
+def _between(value: float, most: float) -> float:
+    """The value, no farther from 0 than `most`."""
+    return min(max(value, -most), most)
 
 
 def _hollow(name: str, described: ChamberDescription, surroundings: Surroundings) -> IndexArray:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.units import PRESSURE, VOLUME, JointUnits
-from softsim_core.values import FieldError, Vector, need_finite
+from softsim_core.values import FieldError, Vector, need_finite, need_positive
 
 ATMOSPHERE = 101_325.0
 """Pressure of the air around in [Pa], against vacuum: the standard atmosphere."""
@@ -28,12 +28,20 @@ class ChamberDescription(ActuatorDescription):
         body: Name of the deformable body that encloses it.
         inside: A place in the hollow in [m], where the scene is built; None: all hollows of the body are one
             chamber.
-        control: "pressure": commands are pressures in [Pa]. "volume": commands are growths in [m^3], as of a
-            syringe with water; this goes on where more volume needs less pressure.
+        control: "pressure": commands are pressures in [Pa], as of a regulator. "volume": commands are what a
+            pump has pushed in, in [m^3]: water, or air as it is in the atmosphere; this goes on where more
+            volume needs less pressure.
         max_pressure, min_pressure: The pressure stays between them, in [Pa]; by volume, more or less is let
             out or in.
-        line_compliance: What the line between pump and hollow takes up in [m^3/Pa], >= 0: a command of growth
+        line_compliance: What the line between pump and hollow takes up in [m^3/Pa], >= 0: a command of volume
             q with a pressure p leaves q - p * line_compliance for the hollow.
+        line_volume: Volume in [m^3] of the line, >= 0, which is filled with air as the hollow is; air
+            compresses. None: what fills both does not, such as water.
+        exponent: k of that air in [-], in 1 to 2: (atmosphere + pressure) V^k stays what it was. 1 is slow
+            (isothermal), 1.4 quick (adiabatic).
+        leak: What leaks out, as volume in the atmosphere in [m^3/s], per pressure in [Pa], >= 0.
+        flow_limit: Most that pump or regulator move in or out, as volume in the atmosphere in [m^3/s], > 0.
+        atmosphere: Pressure of the air around against vacuum in [Pa], > 0.
     """
 
     kind: ClassVar[str] = "chamber"
@@ -43,6 +51,11 @@ class ChamberDescription(ActuatorDescription):
     max_pressure: float = math.inf
     min_pressure: float = VACUUM
     line_compliance: float = 0.0
+    line_volume: float | None = None
+    exponent: float = 1.0
+    leak: float = 0.0
+    flow_limit: float = math.inf
+    atmosphere: float = ATMOSPHERE
 
     def __post_init__(self) -> None:
         if self.inside is not None:
@@ -52,8 +65,15 @@ class ChamberDescription(ActuatorDescription):
                 "chamber", "min_pressure and max_pressure", [self.min_pressure, self.max_pressure],
                 "a range in Pa with 0 in it",
             )  # fmt: skip
-        if not 0.0 <= self.line_compliance < math.inf:
-            raise FieldError("chamber", "line_compliance", self.line_compliance, ">= 0 m^3/Pa")
+        need_at_least_zero = ("line_compliance", "m^3/Pa"), ("line_volume", "m^3"), ("leak", "m^3/(s Pa)")
+        for name, unit in need_at_least_zero:
+            if not 0.0 <= (getattr(self, name) or 0.0) < math.inf:
+                raise FieldError("chamber", name, getattr(self, name), f">= 0 {unit}")
+        if not 1.0 <= self.exponent <= 2.0:
+            raise FieldError("chamber", "exponent", self.exponent, "in 1 to 2")
+        if not self.flow_limit > 0.0:
+            raise FieldError("chamber", "flow_limit", self.flow_limit, "> 0 m^3/s")
+        need_positive("chamber", "atmosphere", self.atmosphere, "Pa")
 
     @property
     def units(self) -> JointUnits:

@@ -141,7 +141,8 @@ class ActuatorRows(NamedTuple):
     """Rows of the actuators; those of kinds with compiled kernels come first.
 
     Attributes:
-        joint, start, place, compliance: See actuation.actuators.Constraints.
+        joint, start, place: See actuation.actuators.Constraints.
+        compliance: c of this step, shape (c,).
         compiled: How many of the rows compiled kernels evaluate, shape (1,).
         coefficient: Entries of the rows, shape (k, 3).
         value: Coordinates s, shape (c,).

@@ -102,7 +102,7 @@ def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
         joint=constraints.joint,
         start=constraints.start,
         place=constraints.place,
-        compliance=constraints.compliance,
+        compliance=np.zeros(len(constraints.joint)),
         compiled=np.array([compiled]),
         coefficient=np.zeros((len(constraints.place), 3)),
         value=np.zeros(count),

@@ -110,14 +110,17 @@ class NumbaStepper:
         if model.coupling is not None:
             external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             data.cells.paired.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
-        bounds = self.actuators.bounds(control.targets)
+        targets, kept = control.targets, self.actuators.kept_in(state, control)
+        if len(self.actuators):
+            targets = targets.copy()
+            targets[data.rows.joint], data.rows.compliance[:] = kept.command, kept.compliance
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
             data.rows.coefficient[entries] = group.coefficients(model, state)
         try:
             speed, inverted, *seconds = self._elimination.advance(
-                motion_of(state), straining, external, control.targets, control.base_shift, *bounds, model.dt,
-                lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
+                motion_of(state), straining, external, targets, control.base_shift, kept.lower, kept.upper,
+                model.dt, lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
                 data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
                 self._corners,
             )  # fmt: skip
