@@ -50,7 +50,7 @@ PATIENCE_STALLED = 100
 """Or that bring it no nearer than ever, whatever they promise (near a branch of equilibria: much)."""
 
 RESAMPLE = 0.02
-"""Joint travel in [rad] or [m] after which a sampled sensitivity is taken anew."""
+"""Joint travel in units of Limits.scale after which a sampled sensitivity is taken anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +235,7 @@ class InverseController:
         if self._goal is not None and task is not None:
             residual = self._residual(self._goal, pose, measured)
             distance = residual[0] + self.settings.lever * residual[1]
-            self._damping.learn(solution.dq, distance, there=self._is_there(residual))
+            self._damping.learn(solution.dq / self.limits.scale, distance, there=self._is_there(residual))
             if solution.status == "solved":
                 self._judge(task, before, solution)
                 status = self._progress(residual)
@@ -258,7 +258,7 @@ class InverseController:
         qp = build(
             [task], Linearisation(self._sensitivity, pose, self.command, self.model.joint_efforts),
             self.limits, self.settings, gain=self.settings.gain, posture=self._posture,
-            damping=self._damping.at(self._sensitivity),
+            damping=self._damping.at(self._sensitivity.effector * self.limits.scale),
         )  # fmt: skip
         return qp, begun
 
@@ -266,7 +266,11 @@ class InverseController:
         """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older."""
         sampled = self.settings.backend != "analytic"
         last = self._sampled_at
-        if sampled and last is not None and np.abs(self.command - last).max() <= RESAMPLE:
+        if (
+            sampled
+            and last is not None
+            and (np.abs(self.command - last) / self.limits.scale).max() <= RESAMPLE
+        ):
             return self._sensitivity
         try:
             fresh = sensitivity_of(self.model, self.settings)

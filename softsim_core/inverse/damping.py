@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.inverse.sensitivity import Sensitivity
 
 LEAST = 1e-6
 """Damping of a calm approach, as a part of the largest mean curvature seen since the start."""
@@ -30,7 +29,7 @@ LONGEST = 1000
 """Ticks without progress that count."""
 
 NOISE = 1e-9
-"""Increments below this, in [rad] or [m], tell nothing about swinging."""
+"""Increments below this, in units of Limits.scale, tell nothing about swinging."""
 
 
 class AdaptiveDamping:
@@ -56,9 +55,9 @@ class AdaptiveDamping:
         """Another goal: what was learned about the last one is forgotten."""
         self._share, self._stalled, self._best = LEAST, 0, math.inf
 
-    def at(self, sensitivity: Sensitivity) -> float:
-        """Damping in [m^2/rad^2] or [-] of a program with this sensitivity."""
-        shift, turn = sensitivity.effector[:3], self._lever * sensitivity.effector[3:]
+    def at(self, effector: Array) -> float:
+        """Damping in [m^2] of a program with this sensitivity of the effector per Limits.scale, (6, j)."""
+        shift, turn = effector[:3], self._lever * effector[3:]
         curvature = float(np.vdot(shift, shift) + np.vdot(turn, turn)) / shift.shape[1]
         self._curvature = max(self._curvature, curvature)
         return self._share * self._curvature
@@ -67,7 +66,7 @@ class AdaptiveDamping:
         """Take note of a tick; without progress towards a missed goal the damping only grows.
 
         Args:
-            dq: Its increments in [rad] or [m], shape (j,).
+            dq: Its increments in units of Limits.scale, shape (j,).
             distance: From the goal after it in [m], an angle counted at the lever.
             there: Whether that counts as reached.
         """

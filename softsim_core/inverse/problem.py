@@ -5,13 +5,14 @@
 
 e is the tasks' error, J its derivative, tau the joint efforts, T their derivative. The bounds keep joint
 interval and speed, the rows keep torque limits and whatever else is given (contacts). c (Levenberg-Marquardt)
-slows a step and moves no equilibrium.
+slows a step and moves no equilibrium. Increments count in units of their joints, see Limits.scale: volumes in
+m^3 and pressures in Pa stand ten orders of magnitude apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,9 @@ from softsim_core.scene.description import SceneDescription
 
 FLOOR = 1e-12
 """Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex."""
+
+
+_ONE = np.ones(1)
 
 
 class Linearisation(NamedTuple):
@@ -58,7 +62,7 @@ class Constraint(NamedTuple):
 
 
 class QP(NamedTuple):
-    """minimise 1/2 dq^T P dq + q^T dq subject to lower <= dq <= upper and G dq <= h.
+    """minimise 1/2 y^T P y + q^T y subject to lower <= y <= upper and G y <= h, with dq = scale y.
 
     P (j, j), q (j,) are scaled so that the mean diagonal entry of P is 1: residuals are increments.
     A bound is the joint's interval where `at_lower` or `at_upper` says so, else its speed; `names` name the
@@ -74,6 +78,7 @@ class QP(NamedTuple):
     at_lower: BoolArray
     at_upper: BoolArray
     names: tuple[str, ...]
+    scale: Array = _ONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +90,7 @@ class Limits:
         lower, upper: Interval in [rad] or [m], shape (j,).
         step: Largest increment of one step in [rad] or [m], shape (j,).
         torque: Largest effort in [N m] or [N], shape (j,); infinite where not limited.
+        scale: What counts as much as 1 rad of a hinge, shape (j,).
     """
 
     names: tuple[str, ...]
@@ -92,6 +98,7 @@ class Limits:
     upper: Array
     step: Array
     torque: Array
+    scale: Array = field(default_factory=lambda: _ONE)
 
     @classmethod
     def of(cls, scene: SceneDescription, settings: InverseSettings, period: float) -> Limits:
@@ -101,11 +108,21 @@ class Limits:
         upper = np.array([min(each.upper, _or(settings.upper, np.inf)) for each in own])
         speed = np.array([min(each.speed, _or(settings.speed, np.inf)) for each in own])
         torque = np.full(len(own), _or(settings.torque_limit, np.inf))
-        return cls(scene.joint_names, lower, np.maximum(lower, upper), speed * period, torque)
+        interval = lower, np.maximum(lower, upper)
+        return cls(scene.joint_names, *interval, speed * period, torque, scales(scene))
 
     def clamp(self, joints: Array) -> Array:
         """Joint positions inside the interval, shape (j,)."""
         return np.clip(joints, self.lower, self.upper)
+
+
+def scales(scene: SceneDescription) -> Array:
+    """What of each joint's command counts as much as 1 rad of a hinge, shape (j,).
+
+    1 m of a slide or a cable, which then wants as careful steps; of what has other units what a slider spans.
+    """
+    units = [joint.units.command for joint in scene.joints]
+    return np.array([1.0 if unit.si in ("rad", "m") else unit.reach for unit in units], dtype=float)
 
 
 def build(
@@ -132,16 +149,16 @@ def build(
         constraints: Further rows.
     """
     sensitivity, current, joints, efforts = robot
-    size = len(joints)
+    size, unit = len(joints), limits.scale
     P, q = np.zeros((size, size)), np.zeros(size)
     for task in tasks:
-        J = task.weights[:, None] * task.jacobian(sensitivity.effector, current)
+        J = task.weights[:, None] * task.jacobian(sensitivity.effector, current) * unit
         e = task.error(current)
         near = limited(e, task.angular, settings.max_shift, settings.max_turn)
         P += J.T @ J
         q -= (gain * task.weights * near) @ J
     scale = max(float(P.trace()) / size, 1e-300)
-    T = sensitivity.effort
+    T = sensitivity.effort * unit
     if settings.effort_weight > 0.0:
         square = T.T @ T
         weight = settings.effort_weight * scale * size / max(float(square.trace()), 1e-300)
@@ -150,22 +167,24 @@ def build(
     if settings.posture_weight > 0.0 and posture is not None:
         weight = settings.posture_weight * scale
         P.flat[:: size + 1] += weight
-        q += weight * (joints - posture)
+        q += weight * (joints - posture) / unit
     P.flat[:: size + 1] += scale * FLOOR + damping
     scale = max(float(P.trace()) / size, 1e-300)
 
     back, forth, slow = limits.lower - joints, limits.upper - joints, -limits.step
-    rows = [torque_rows(T, efforts, limits, gain), *constraints]
+    torques = torque_rows(sensitivity.effort, efforts, limits, gain)
+    rows = [torques, *constraints]
     return QP(
         P / scale,
         q / scale,
-        np.concatenate([each.G for each in rows]) if len(rows) > 1 else rows[0].G,
+        (np.concatenate([each.G for each in rows]) if len(rows) > 1 else rows[0].G) * unit,
         np.concatenate([each.h for each in rows]) if len(rows) > 1 else rows[0].h,
-        np.minimum(np.maximum(back, slow), limits.step),
-        np.minimum(np.maximum(forth, slow), limits.step),
+        np.minimum(np.maximum(back, slow), limits.step) / unit,
+        np.minimum(np.maximum(forth, slow), limits.step) / unit,
         back > slow,
         forth < limits.step,
         sum((each.names for each in rows), limits.names),
+        unit,
     )
 
 

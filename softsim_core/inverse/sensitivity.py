@@ -72,14 +72,14 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
     return Sensitivity(follow[first : first + 6], effort)
 
 
-def sampled_sensitivity(simulation: Simulation, step: float = 1e-3) -> Sensitivity:
+def sampled_sensitivity(simulation: Simulation, step: float | Array = 1e-3) -> Sensitivity:
     """(x(u + h e_k) - x(u - h e_k)) / 2 h of equilibria around the present commands; nothing is changed.
 
     Two equilibria a joint: a hundred times slower than the analytic one, and free of its assumptions.
 
     Args:
         simulation: With at least one joint and an end effector.
-        step: h in [rad] or [m].
+        step: h in what joints are commanded in, for all or for each, shape (j,).
 
     Raises:
         SceneError: no end effector.
@@ -88,15 +88,16 @@ def sampled_sensitivity(simulation: Simulation, step: float = 1e-3) -> Sensitivi
     effector = _effector_index(simulation)
     commands = simulation.joint_targets
     columns, efforts = [], []
+    steps = np.broadcast_to(step, commands.shape)
     for k in range(len(commands)):
         offset = np.zeros_like(commands)
-        offset[k] = step
+        offset[k] = steps[k]
         ahead = simulation.equilibrium(commands + offset).state
         behind = simulation.equilibrium(commands - offset).state
         shift = ahead.frame_positions[effector] - behind.frame_positions[effector]
         turn = rotation_log(ahead.frame_rotations[effector] @ behind.frame_rotations[effector].T)
-        columns.append(np.concatenate([shift, turn]) / (2.0 * step))
-        efforts.append((ahead.joint_efforts - behind.joint_efforts) / (2.0 * step))
+        columns.append(np.concatenate([shift, turn]) / (2.0 * steps[k]))
+        efforts.append((ahead.joint_efforts - behind.joint_efforts) / (2.0 * steps[k]))
     return Sensitivity(np.column_stack(columns), np.column_stack(efforts))
 
 

@@ -39,9 +39,9 @@ class Solution:
     """What came out of a program.
 
     Attributes:
-        dq: Joint increments in [rad] or [m], shape (j,); zero unless solved.
+        dq: Joint increments in what joints are commanded in, shape (j,); zero unless solved.
         status: "solved"; "infeasible": no increment keeps all limits; "not_converged": the check failed.
-        kkt_residual: Largest violation of the optimality conditions, in joint increments; infinite unless
+        kkt_residual: Largest violation of the optimality conditions, in units of QP.scale; infinite unless
             there is a candidate.
         active: Names of the limits that hold the step back.
     """
@@ -104,7 +104,7 @@ def _checked(qp: QP, dq: Array, multipliers: Array) -> Solution:
     residual = kkt_residual(qp, dq, multipliers)
     if not residual <= KKT_TOLERANCE:  # also catches NaN
         return _nothing(qp, "not_converged", residual)
-    dq = np.minimum(np.maximum(dq, qp.lower), qp.upper)
+    dq = qp.scale * np.minimum(np.maximum(dq, qp.lower), qp.upper)
     return Solution(dq, "solved", residual, _active(qp, multipliers))
 
 
@@ -117,7 +117,7 @@ def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
 
     Args:
         qp: The program.
-        dq: Increments, shape (j,).
+        dq: Increments in units of QP.scale, shape (j,).
         multipliers: Of the bounds, then of the rows, shape (j + r,): positive at an upper limit, negative
             at a lower bound.
     """

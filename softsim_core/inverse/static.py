@@ -17,7 +17,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import NotConvergedError, SolverDivergedError
-from softsim_core.inverse.problem import Limits, Linearisation, build
+from softsim_core.inverse.problem import Limits, Linearisation, build, scales
 from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.inverse.solver import Solution, solve
 from softsim_core.inverse.tasks import Task
@@ -34,16 +34,19 @@ STEP_SHARE = 0.5
 """Part of a joint's interval that the first step may cross."""
 
 FREE_STEP = 0.5
-"""The same in [rad] or [m] for a joint without interval."""
+"""The same for a joint without interval; it and what follows in units of Limits.scale, 1 rad or 1 m."""
 
 STILL = 1e-6
-"""A last step below this, in [rad] or [m], ends the search."""
+"""A last step below this ends the search."""
 
 CERTAIN = 1e-4
-"""A step below this, in [rad] or [m], is not taken back: what changes then is rounding."""
+"""A step below this is not taken back: what changes then is rounding."""
 
 STRIDE = 0.05
-"""Largest joint travel in [rad] or [m] of a time step of a walk."""
+"""Largest joint travel of a time step of a walk."""
+
+SAMPLE = 1e-3
+"""To both sides of a joint, equilibria are sampled this far away."""
 
 SLIDE = 0.002
 """Travel in [m] of the bases in a time step of a walk."""
@@ -115,7 +118,7 @@ def solve_pose(
     goals = list(tasks) if isinstance(tasks, Sequence) else [tasks]
     limits = Limits.of(scene, settings, 1.0)
     span = limits.upper - limits.lower
-    limits = replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP))
+    limits = replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP * limits.scale))
     joints = limits.clamp(simulation.joint_targets if start is None else np.asarray(start, dtype=float))
     if not np.array_equal(joints, simulation.joint_targets):
         simulation.settle(joints)
@@ -135,7 +138,7 @@ def _search(
         here = Linearisation(sensitivity, effector(simulation), joints, simulation.joint_efforts)
         qp = build(tasks, here, reach, wide, posture=posture)
         solution, done = solve(qp), done + 1
-        step = float(np.abs(solution.dq).max(initial=0.0))
+        step = float((np.abs(solution.dq) / limits.scale).max(initial=0.0))
         if solution.status != "solved" or step == 0.0:
             break
         trial, back = limits.clamp(joints + solution.dq), simulation.snapshot()
@@ -143,7 +146,7 @@ def _search(
         after = before if worse else _length(tasks, effector(simulation))
         if worse or (after > before and step > CERTAIN):
             simulation.restore(back)
-            reach = replace(limits, step=np.full_like(joints, 0.5 * step))
+            reach = replace(limits, step=0.5 * step * np.ones_like(joints) * limits.scale)
             continue
         joints, before = trial, after
         reach = replace(limits, step=np.minimum(2.0 * reach.step, limits.step))
@@ -215,8 +218,9 @@ def effector(simulation: Simulation) -> Pose:
 
 def sensitivity_of(simulation: Simulation, settings: InverseSettings) -> Sensitivity:
     """Derivatives by the back end that the settings name."""
-    of = analytic_sensitivity if settings.backend == "analytic" else sampled_sensitivity
-    return of(simulation)
+    if settings.backend == "analytic":
+        return analytic_sensitivity(simulation)
+    return sampled_sensitivity(simulation, SAMPLE * scales(simulation.scene))
 
 
 def place(simulation: Simulation, joints: Array, base_shift: float) -> None:
@@ -242,7 +246,8 @@ def walk(simulation: Simulation, joints: Array, base_shift: float) -> None:
     enforced, simulation.enforce_limits = simulation.enforce_limits, False
     try:
         first, shift = simulation.joint_targets, simulation.base_shift
-        travel = float(np.abs(joints - first).max(initial=0.0)) / STRIDE + abs(base_shift - shift) / SLIDE
+        far = np.abs(joints - first) / scales(simulation.scene)
+        travel = float(far.max(initial=0.0)) / STRIDE + abs(base_shift - shift) / SLIDE
         for part in np.linspace(0.0, 1.0, int(np.ceil(travel)) + 1)[1:]:
             simulation.base_shift = shift + part * (base_shift - shift)
             simulation.command(first + part * (joints - first))

@@ -192,6 +192,11 @@ class JointDescription:
             )
 
     @property
+    def by_effort(self) -> bool:
+        """Whether commands are its effort, such as the pressure of a chamber, not where it shall be."""
+        return self.actuator is not None and self.actuator.by_effort
+
+    @property
     def units(self) -> JointUnits:
         """What its command, position and effort are told in."""
         if self.actuator is not None:

@@ -156,7 +156,7 @@ def commandable(state: RobotState, robot: RobotDescription) -> RobotState:
     if state.measured is None or len(state.efforts) != len(state.measured):
         return state
     values = tuple(
-        effort if joint.actuator is not None and joint.actuator.by_effort else position
+        effort if joint.by_effort else position
         for joint, position, effort in zip(robot.joints, state.measured, state.efforts, strict=True)
     )
     return replace(state, measured=values)

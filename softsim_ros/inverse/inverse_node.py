@@ -133,8 +133,12 @@ class InverseControl(RobotNode):
             self._joint_order = (names, self._order_of(names))
         order = self._joint_order[1]
         if order is not None and len(message.position) == len(names):
-            positions = np.array([message.position[index] for index in order])
-            self.control.plant = self.control.plant.with_joints(positions, time.monotonic())
+            told = len(message.effort) == len(names)
+            where = [
+                message.effort[index] if told and joint.by_effort else message.position[index]
+                for index, joint in zip(order, self._description.joints, strict=True)
+            ]
+            self.control.plant = self.control.plant.with_joints(np.array(where), time.monotonic())
 
     def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
         missing = [joint for joint in self._description.joint_names if joint not in names]

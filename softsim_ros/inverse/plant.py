@@ -31,7 +31,8 @@ class Plant:
     """The robot as heard of at some time; immutable.
 
     Attributes:
-        joints: Measured joint positions in [rad] or [m], shape (j,); None before the first message.
+        joints: Measured joint positions in [rad] or [m], efforts where these are commanded, shape (j,); None
+            before the first message.
         joints_at: When, steady clock in [s].
         base_shift: Shift in [m] of the joint bases as the simulator says; None: nobody says.
         effector: Measured pose of the effector; None before the first message.

@@ -34,8 +34,7 @@ def joint_bars(
         lower, upper = joint.limits.lower, joint.limits.upper
         position = positions[index]
         effort = f"{efforts[index]:+.4f} {joint.units.effort}" if index < len(efforts) else ""
-        by_effort = joint.actuator is not None and joint.actuator.by_effort and index < len(efforts)
-        within = efforts[index] if by_effort else position
+        within = efforts[index] if joint.by_effort and index < len(efforts) else position
         outside = not lower - 1e-6 <= within <= upper + 1e-6
         colour = AMBER if outside and enforced else "#1971c2"
         bar = ""
