@@ -49,13 +49,17 @@ def cavities(mesh: TetMesh) -> list[IndexArray]:
     _, label = connected_components(graph, directed=False)
     own = label[faces[:, 0]]
     found = []
-    turned = [0, 2, 1, 5, 4, 3][: faces.shape[1]]
     for part in np.unique(own).tolist():
         chosen = faces[own == part]
         a, b, c = np.moveaxis(mesh.points[chosen[:, :3]], 1, 0)
         if np.einsum("ki,ki->", a, np.cross(b, c)) < 0.0:
-            found.append(np.ascontiguousarray(chosen[:, turned]))
+            found.append(turned(chosen))
     return found
+
+
+def turned(faces: IndexArray) -> IndexArray:
+    """The same faces, pointing to their other side."""
+    return np.ascontiguousarray(faces[:, [0, 2, 1, 5, 4, 3][: faces.shape[1]]])
 
 
 def encloses(points: Array, faces: IndexArray, place: Array) -> bool:

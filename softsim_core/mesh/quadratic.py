@@ -54,7 +54,12 @@ def linear(mesh: TetMesh) -> TetMesh:
     if mesh.order == 1:
         return mesh
     used, numbers = np.unique(mesh.tets[:, :4], return_inverse=True)
-    return replace(mesh, points=mesh.points[used], tets=numbers.reshape(-1, 4).astype(np.int64))
+    return replace(
+        mesh,
+        points=mesh.points[used],
+        tets=numbers.reshape(-1, 4).astype(np.int64),
+        surfaces={name: np.searchsorted(used, faces) for name, faces in mesh.surfaces.items()},
+    )
 
 
 def subdivided(mesh: TetMesh) -> TetMesh:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,20 @@ _GID_NAMES = {"tetrahedra": "tetra", "triangle": "triangle", "quadrilateral": "q
 _Cells = dict[str, list[IndexArray]]
 
 
+class _Contents(NamedTuple):
+    """What is in a mesh file.
+
+    Attributes:
+        points: Shape (n, 3).
+        cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
+        surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
+    """
+
+    points: Array
+    cells: _Cells
+    surfaces: dict[str, IndexArray]
+
+
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
     """Tetrahedra of a mesh file, linear or quadratic; other kinds of elements in it are skipped.
 
@@ -68,9 +83,9 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
 
 
 def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
-    points, cells = _read(file)
+    points, cells, surfaces = _read(file)
     mesh = _tet_mesh(points, cells, file)
-    return replace(mesh, points=place(points, placement))
+    return replace(mesh, points=place(points, placement), surfaces=surfaces)
 
 
 def _tet_mesh(points: Array, cells: _Cells, file: Path) -> TetMesh:
@@ -109,7 +124,7 @@ def read_surface(path: str | PathLike[str], placement: PlacementLike | None = No
 
 
 def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
-    points, cells = _read(file)
+    points, cells, _ = _read(file)
     faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
     if faces:
         triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
@@ -129,8 +144,7 @@ def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
     )
 
 
-def _read(file: Path) -> tuple[Array, _Cells]:
-    """Points (n, 3) and index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...)."""
+def _read(file: Path) -> _Contents:
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise MeshError(
@@ -146,18 +160,19 @@ def _read(file: Path) -> tuple[Array, _Cells]:
         raise MeshError(file, "is empty; export the mesh again")
     if suffix == ".stl":
         points, triangles = parse_stl(data, file)
-        return points, {"triangle": [triangles]}
+        return _Contents(points, {"triangle": [triangles]}, {})
     if suffix == ".obj":
         points, triangles = parse_obj(data, file)
-        return points, {"triangle": [triangles]}
+        return _Contents(points, {"triangle": [triangles]}, {})
     if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
         points, elements = parse_gid(data, file)
-        return points, {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
+        blocks = {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
+        return _Contents(points, blocks, {})
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
         raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
-    points, cells = _read_with_meshio(file, _MESHIO_MODULES[suffix])
-    _refuse_cut_off(data, suffix, cells, file)
-    return points, cells
+    contents = _read_with_meshio(file, _MESHIO_MODULES[suffix])
+    _refuse_cut_off(data, suffix, contents.cells, file)
+    return contents
 
 
 @contextlib.contextmanager
@@ -177,7 +192,7 @@ def _one_error(file: Path) -> Iterator[None]:
         raise MeshError(file, what) from error
 
 
-def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:
+def _read_with_meshio(file: Path, module: str) -> _Contents:
     # The format's own reader, not meshio.read: that one prints, and ends the process with sys.exit on a
     # damaged file. Readers print warnings about fields we do not use; NumPy warns where text data end early,
     # which is an error here.
@@ -191,7 +206,19 @@ def _read_with_meshio(file: Path, module: str) -> tuple[Array, _Cells]:
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
     # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
-    return np.ascontiguousarray(mesh.points, dtype=np.float64), cells
+    return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, _groups(mesh))
+
+
+def _groups(mesh: Any) -> dict[str, IndexArray]:
+    """Corners of the triangles of each physical group of a Gmsh file, by its name, or else its number."""
+    names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 2}
+    found: dict[str, list[IndexArray]] = {}
+    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
+        if block.type in ("triangle", "triangle6"):
+            for tag in np.unique(tags[tags > 0]).tolist():
+                corners = np.asarray(block.data[tags == tag, :3], dtype=np.int64)
+                found.setdefault(names.get(tag, str(tag)), []).append(corners)
+    return {name: np.concatenate(blocks) for name, blocks in found.items()}
 
 
 def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:

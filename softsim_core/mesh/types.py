@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from softsim_core.arrays import Array, IndexArray
 
@@ -16,11 +17,13 @@ class TetMesh:
         tets: Node indices, shape (m, 4), or (m, 10) with nodes on the edges, see mesh.quadratic; positively
             oriented or not (the volume is taken absolute).
         name: Where it came from, for messages.
+        surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
     """
 
     points: Array
     tets: IndexArray
     name: str = "mesh"
+    surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
 
     @property
     def order(self) -> int:

@@ -29,13 +29,12 @@ import scipy.sparse as sp
 from softsim_core.actuation.actuator import Actuator, GeometricStiffness, Transmission, no_geometric_stiffness
 from softsim_core.actuation.building import Placed, Surroundings, plain_kind
 from softsim_core.actuation.chamber.description import ChamberDescription
+from softsim_core.actuation.chamber.hollow import hollow_of
 from softsim_core.actuation.chamber.pump_line import LEAST, PumpLine
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
-from softsim_core.mesh.faces import cavities, encloses
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _WEAK = 1e-9
@@ -52,14 +51,14 @@ class Chamber(Actuator):
         surroundings: What it is built into.
 
     Raises:
-        SceneError: the body has no hollow, or none around `inside`.
+        SceneError: the body has no such hollow, see hollow_of.
     """
 
     kind = "chamber"
 
     def __init__(self, placed: Placed, surroundings: Surroundings) -> None:
         described: ChamberDescription = placed.description
-        faces = _hollow(placed.name, described, surroundings)
+        faces, lids = hollow_of(placed.name, described, surroundings)
         nodes, numbered = np.unique(faces, return_inverse=True)
         super().__init__(
             placed.name,
@@ -77,7 +76,8 @@ class Chamber(Actuator):
         self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
         self._middle = rest.mean(axis=0)
-        self.rest_volume = self._volume((rest - self._middle)[self.faces])
+        self._at_rest = self._volume((rest - self._middle)[self.faces])
+        self.rest_volume = self._at_rest + self._volume(lids - self._middle)
         self.line = _line(described, self.rest_volume)
         lowest = (LEAST - 1.0) * self.line.atmosphere if self.line.softness else -self.line.atmosphere
         self._limits = max(described.min_pressure, lowest), described.max_pressure
@@ -88,7 +88,7 @@ class Chamber(Actuator):
 
     def value(self, model: Model, state: State) -> float:
         """By how much the volume has grown, in [m^3]."""
-        return self._volume(self._corners(state)) - self.rest_volume
+        return self._volume(self._corners(state)) - self._at_rest
 
     def row(self, model: Model, state: State) -> Array:
         """DV/dx in [m^2], shape (k, 3)."""
@@ -209,27 +209,6 @@ def _line(described: ChamberDescription, volume: float) -> PumpLine:
 def _between(value: float, most: float) -> float:
     """The value, no farther from 0 than `most`."""
     return min(max(value, -most), most)
-
-
-def _hollow(name: str, described: ChamberDescription, surroundings: Surroundings) -> IndexArray:
-    mesh = surroundings.meshes[described.body]
-    found = cavities(mesh)
-    if not found:
-        raise SceneError(
-            f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
-            "closes all around"
-        )
-    if described.inside is None:
-        return np.concatenate(found)
-    place = np.array(described.inside, dtype=float)
-    around = [faces for faces in found if encloses(mesh.points, faces, place)]
-    if not around:
-        middles = [mesh.points[np.unique(faces)].mean(axis=0).round(6).tolist() for faces in found]
-        raise SceneError(
-            f"chamber {name}: {place.tolist()} m lies in no hollow of body {described.body}; the middles of "
-            f"its hollows are {middles} m"
-        )
-    return around[0]
 
 
 def _crossed(vectors: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.errors import SceneError
 from softsim_core.units import PRESSURE, VOLUME, JointUnits
 from softsim_core.values import FieldError, Vector, need_finite, need_positive
 
@@ -28,6 +29,9 @@ class ChamberDescription(ActuatorDescription):
         body: Name of the deformable body that encloses it.
         inside: A place in the hollow in [m], where the scene is built; None: all hollows of the body are one
             chamber.
+        surface: Or the name of a surface of the body's mesh, such as a physical group of a Gmsh file: the
+            faces around the chamber. Where it is open, its rim has to be attached to the world, flat: a plate
+            closes it there.
         control: "pressure": commands are pressures in [Pa], as of a regulator. "volume": commands are what a
             pump has pushed in, in [m^3]: water, or air as it is in the atmosphere; this goes on where more
             volume needs less pressure.
@@ -47,6 +51,7 @@ class ChamberDescription(ActuatorDescription):
     kind: ClassVar[str] = "chamber"
     body: str
     inside: Vector | None = None
+    surface: str | None = None
     control: Literal["pressure", "volume"] = "pressure"
     max_pressure: float = math.inf
     min_pressure: float = VACUUM
@@ -60,6 +65,8 @@ class ChamberDescription(ActuatorDescription):
     def __post_init__(self) -> None:
         if self.inside is not None:
             need_finite("chamber", "inside", self.inside)
+        if self.inside is not None and self.surface is not None:
+            raise SceneError("chamber: give at most one of inside and surface")
         if not self.min_pressure <= 0.0 <= self.max_pressure:
             raise FieldError(
                 "chamber", "min_pressure and max_pressure", [self.min_pressure, self.max_pressure],
