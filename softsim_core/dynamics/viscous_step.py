@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from softsim_core.arrays import Array
+from softsim_core.dynamics.relaxation import Relaxation, relaxation
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.relaxing import Relaxing
-from softsim_core.fem.prony import during_step, forget, held_stress, remember
+from softsim_core.fem.prony import during_step, forget
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State, held_name, memory_name
@@ -37,13 +38,15 @@ class ViscousStepper(StepperAround):
 
     def __init__(self, inner: Stepper) -> None:
         super().__init__(inner)
-        self._groups = relaxing_groups(inner.model)
+        self._groups = [
+            (k, group, relaxation(group, inner.compiled)) for k, group in relaxing_groups(inner.model)
+        ]
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
         report = self._inner.step(state, control, self._prepared(state, parameters))
-        for p, memory, _, group in self._arrays(state, parameters):
-            remember(group, p, memory, state.positions, self.model.dt)
+        for p, memory, _, relaxing in self._arrays(state, parameters):
+            relaxing.remember(p, memory, state.positions, self.model.dt)
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
@@ -52,8 +55,8 @@ class ViscousStepper(StepperAround):
 
     def _prepared(self, state: State, parameters: Parameters) -> Parameters:
         """Write down what is held during a step; returns the parameters for it."""
-        for p, memory, held, group in self._arrays(state, parameters):
-            held[:] = held_stress(group, p, memory, self.model.dt)
+        for p, memory, held, relaxing in self._arrays(state, parameters):
+            relaxing.hold(p, memory, held, self.model.dt)
         materials = [
             during_step(self.model.law(body), values, self.model.dt)
             for body, values in enumerate(parameters.materials)
@@ -62,7 +65,7 @@ class ViscousStepper(StepperAround):
 
     def _arrays(
         self, state: State, parameters: Parameters
-    ) -> Iterator[tuple[Array, Array, Array, ElementGroup]]:
-        for k, group in self._groups:
+    ) -> Iterator[tuple[Array, Array, Array, Relaxation]]:
+        for k, group, relaxing in self._groups:
             p = group.values(parameters.materials)
-            yield p, state.extra[memory_name(k)], state.extra[held_name(k)], group
+            yield p, state.extra[memory_name(k)], state.extra[held_name(k)], relaxing

@@ -49,14 +49,14 @@ def during_step(law: Material, values: Mapping[str, float], h: float) -> dict[st
 
 def held_stress(group: ElementGroup, p: Array, memory: Array, h: float) -> Array:
     """H at all points in [Pa], shape (m, q, 3, 3), of a step of h [s]; p (m, k) as the scene has them."""
-    shares, fades, halves = _terms(group, p, h)
+    shares, fades, halves = _of_points(group, p, h)
     held = (fades[..., None, None] * memory[..., :-1, :, :]).sum(axis=-3)
     return np.asarray(held - (shares * halves).sum(axis=-1)[..., None, None] * memory[..., -1, :, :])
 
 
 def remember(group: ElementGroup, p: Array, memory: Array, positions: Array, h: float) -> None:
     """Take over in `memory` what a step of h [s] to positions (n, 3) has done."""
-    shares, fades, halves = _terms(group, p, h)
+    shares, fades, halves = _of_points(group, p, h)
     stress = law_stress(group, p, positions, memory[..., -1, :, :])
     gained = (stress - memory[..., -1, :, :])[..., None, :, :]
     memory[..., :-1, :, :] *= fades[..., None, None]
@@ -95,9 +95,15 @@ def held_forces(stiffness: Array, cells: IndexArray, positions: Array) -> Array:
     return np.asarray(-(stiffness @ positions[cells]))
 
 
-def _terms(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array]:
-    """Shares, and what is left of a term after h and after half of it, each (m, 1, t)."""
+def fading(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array]:
+    """Shares, and what is left of a term after h [s] and after half of it, each (m, t)."""
     law = group.material
     assert isinstance(law, Relaxing)
-    shares, times = law.prony(p[:, None])
+    shares, times = law.prony(p)
     return shares, np.exp(-h / times), np.exp(-0.5 * h / times)
+
+
+def _of_points(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array]:
+    """The same for all points, each (m, 1, t)."""
+    shares, fades, halves = fading(group, p, h)
+    return shares[:, None], fades[:, None], halves[:, None]

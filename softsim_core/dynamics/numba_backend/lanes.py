@@ -44,6 +44,18 @@ class Lanes:
         """The larger of this and `floor`, which also replaces what is not a number."""
         return self.where(self.below(floor), floor)
 
+    def size(self) -> Lanes:
+        """The absolute value."""
+        return self.where(self.below(0.0), self * -1.0)
+
+    def equals(self, other: Lanes | float) -> Any:
+        """Mask: the same number as `other`."""
+        return self.v.builder.fcmp_ordered("==", self.value, self._other(other))
+
+    def positive(self) -> Lanes:
+        """This, or 0 where it is negative; what is not a number stays."""
+        return self.where(self.v.builder.fcmp_ordered("<", self.value, self._other(0.0)), 0.0)
+
     def where(self, mask: Any, other: Lanes | float) -> Lanes:
         """`other` where the mask holds, else this."""
         return Lanes(self.v, self.v.select(mask, self._other(other), self.value))
@@ -77,6 +89,16 @@ def difference(a: Triple, b: Triple) -> Triple:
 def times(a: Matrix, b: Triple) -> Triple:
     """Matrix times vector."""
     return [dot(row, b) for row in a]
+
+
+def cofactors(f: Matrix) -> Matrix:
+    """Cof F."""
+    return [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])]
+
+
+def contraction(a: Matrix, b: Matrix) -> Lanes:
+    """A : B."""
+    return dot(a[0], b[0]) + dot(a[1], b[1]) + dot(a[2], b[2])
 
 
 class Batch:

@@ -1,4 +1,4 @@
-"""What is added pair by pair of nodes: rubber, layers, fibres by kernels; other cells, faces from NumPy."""
+"""What is added pair by pair of nodes: cells of compiled laws by kernels; other cells, faces from NumPy."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.batches import cell_batches, count_folded
+from softsim_core.dynamics.numba_backend.laws import compiled_law, point_cells, tune
 from softsim_core.dynamics.numba_backend.layout import Nodes
-from softsim_core.dynamics.numba_backend.rubber import fill_rubber, rubber_cells, tune
+from softsim_core.dynamics.numba_backend.point_cells import Given, Into, PointCells
 from softsim_core.dynamics.numba_backend.scatter import (
     add_all_blocks,
     cell_places,
@@ -19,12 +20,12 @@ from softsim_core.dynamics.numba_backend.scatter import (
 from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
 from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
-from softsim_core.fem.materials.first_invariant import SeriesRubber
-from softsim_core.fem.materials.relaxing import law_within
 from softsim_core.fem.prony import held_stiffness
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.symbolic import Plan
 from softsim_core.mechanics.state import State, held_name
+
+_NOTHING = np.zeros((0, 1, 3, 3))
 
 
 class PairedCells:
@@ -59,16 +60,18 @@ class PairedCells:
             in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
         ]
         self._batches = [cell_batches(group) for group in self._groups]
-        self._rubber = [
-            rubber_cells(group, cells) if isinstance(law_within(group.material), SeriesRubber) else None
-            for group, cells in zip(self._groups, self._batches, strict=True)
-        ]
         self._strain = [strain_cells(group) for group in self._groups]
         kinds = [(group.element.name, group.material.name) for group in whole]
         self._memories = []
         for group in self._groups:
             k = kinds.index((group.element.name, group.material.name))
             self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
+        self._points: list[PointCells | None] = []
+        self._fill_points: list[OneSignature | None] = []
+        for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
+            law = compiled_law(group.material)
+            self._points.append(None if law is None else point_cells(group, cells, memory))
+            self._fill_points.append(None if law is None else OneSignature(law.fill))
         self._surfaces = [
             _Surface(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces
         ]
@@ -77,7 +80,7 @@ class PairedCells:
         cells = [group.cells for group in self._groups] + further
         self._upper = [np.triu_indices(each.shape[1]) for each in cells]
         self._places, self.pairs = cell_places(cells, nodes, local, layout)
-        self._panels, self._fill_rubber = panels, OneSignature(fill_rubber)
+        self._panels = panels
         self._fill_strain = OneSignature(fill_strain)
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
@@ -86,9 +89,9 @@ class PairedCells:
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""
-        for group, rubber, strain in zip(self._groups, self._rubber, self._strain, strict=True):
-            if rubber is not None:
-                tune(rubber, group, group.values(materials))
+        for group, points, strain in zip(self._groups, self._points, self._strain, strict=True):
+            if points is not None:
+                tune(points, group, group.values(materials))
             if strain is not None:
                 tune_strain(strain, group, group.values(materials))
 
@@ -122,25 +125,34 @@ class PairedCells:
         velocities = forces.copy() if straining is None else straining
         kept[:] = 0.0
         for k, group in enumerate(self._groups):
-            rubber, strain, places = self._rubber[k], self._strain[k], self._places[k]
+            points, fill_points, strain = self._points[k], self._fill_points[k], self._strain[k]
             by = forces[:0] if moved is None else moved
-            if rubber is not None and (not positive or (moved is not None and mean_volume_law(group))):
-                self._fill_rubber(
-                    x, by, velocities, lag, mean_share, scale, rubber, places, forces, self._panels, kept
-                )
-            elif strain is not None and positive:
+            held = None if straining is None else state.extra.get(self._memories[k][0])
+            if points is not None and fill_points is not None:
+                found = moved is not None and mean_volume_law(group) is not None
+                fill_points(
+                    Given(
+                        x, by if found else forces[:0], velocities, _NOTHING if held is None else held,
+                        positive and not found, lag, mean_share, scale,
+                    ),
+                    points, Into(self._places[k], forces, self._panels, kept),
+                )  # fmt: skip
+                continue
+            if strain is not None and positive:
                 self._fill_strain(x, by, velocities, lag, scale, strain, forces)
-                self._add_all_blocks(strain.blocks, places, self._panels, kept)
-            else:
-                p = group.values(materials)
-                stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
-                on_nodes = cell_forces(group, x, p)
-                on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
-                np.add.at(forces, group.cells, on_nodes)
-                first, second = self._upper[k]
-                self._add(k, scale * stiffness[:, first, second])
-            if straining is not None:
-                self._hold(k, state, scale, x + lag * velocities, forces)
+                self._add_all_blocks(strain.blocks, self._places[k], self._panels, kept)
+                continue
+            p = group.values(materials)
+            stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
+            on_nodes = cell_forces(group, x, p)
+            if held is not None:
+                chosen = held_stiffness(group, held[self._memories[k][1]])
+                stiffness += chosen[..., None, None] * np.eye(3)
+                on_nodes -= chosen @ x[group.cells]
+            on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
+            np.add.at(forces, group.cells, on_nodes)
+            first, second = self._upper[k]
+            self._add(k, scale * stiffness[:, first, second])
         return forces
 
     def press(
@@ -165,18 +177,6 @@ class PairedCells:
         first = len(self._groups) + len(self._surfaces)
         for k, (cells, of_cells) in enumerate(zip(self._coupled, masses, strict=True)):
             self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
-
-    def _hold(self, k: int, state: State, scale: float, ahead: Array, forces: Array) -> None:
-        """Add what cells of a relaxing law hold, the forces at places `ahead` (n, 3); see fem.prony."""
-        name, chosen = self._memories[k]
-        held = state.extra.get(name)
-        if held is None:
-            return
-        group = self._groups[k]
-        stiffness = held_stiffness(group, held[chosen])
-        np.add.at(forces, group.cells, -(stiffness @ ahead[group.cells]))
-        first, second = self._upper[k]
-        self._add(k, scale * stiffness[:, first, second, None, None] * np.eye(3))
 
     def _add(self, k: int, of_pairs: Array) -> None:
         """Add blocks (m, a (a + 1) / 2, 3, 3) of the pairs of nodes of a group or surface to the matrix."""

@@ -1,161 +1,146 @@
-"""Compiled cells of rubber: laws that are a function of I_C = F : F, in elements of any nodes and points.
+"""Compiled rubber: laws that are a function of I_C = F : F; the formulas of fem.materials.first_invariant.
 
-The formulas are those of fem.assembly with fem.materials.first_invariant. With the stress
-P = 2 psi' F + (p - s) cof F at a point of weight w, and g the gradients of the shape functions, the block of
-nodes m and n is
+With the stress P = 2 psi' F + (p - s) cof F, the tangent is
 
-    w [2 psi' (g_m . g_n) I + 4 psi'' (F g_m)(F g_n)^T + (p - s) [F (g_m x g_n)]x + a_p (C g_m)(C g_n)^T]
+    2 psi' I + 4 psi'' F F^T + (p - s) (cof F)' + a_p cof F cof F^T
 
-with C = cof F, and of cells with a mean volume (a - a_p) / V g_m' g_n'^T, g' = sum w C g.
+and without negative eigenvalues in principal stretches; see principal_lanes.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from numba import types
 
 from softsim_core.arrays import Array
-from softsim_core.dynamics.numba_backend.batches import CellBatches, gather, in_lanes, put_gradient
 from softsim_core.dynamics.numba_backend.compile import kernel
-from softsim_core.dynamics.numba_backend.rubber_lanes import (
-    LEFT_ROWS,
-    MODULI,
-    NODE_ROWS,
-    POINT_ROWS,
-    put_block,
-    put_left,
-    put_node,
-    put_stress,
-    put_volume,
+from softsim_core.dynamics.numba_backend.lanes import Batch, Lanes, contraction
+from softsim_core.dynamics.numba_backend.point_cells import (
+    Given,
+    Into,
+    PointCells,
+    deform,
+    finish,
+    press,
 )
-from softsim_core.dynamics.numba_backend.scatter import CellPlaces, add_blocks
-from softsim_core.fem.assembly import mean_volume_law, split_bulk
-from softsim_core.fem.group import ElementGroup
+from softsim_core.dynamics.numba_backend.point_lanes import POINT_ROWS, flat, put_cofactors, put_tangent
+from softsim_core.dynamics.numba_backend.principal_lanes import (
+    HESSIAN,
+    add_volume,
+    clamp_modes,
+    put_modes,
+    put_principal,
+    put_stretches,
+)
+from softsim_core.dynamics.numba_backend.relaxation import Memory, remember
 from softsim_core.fem.materials.first_invariant import SeriesRubber
-from softsim_core.fem.materials.relaxing import Relaxing, law_within
-from softsim_core.linalg.simd import LANES
+from softsim_core.linalg.compile import intrinsic
 
 
-class RubberCells(NamedTuple):
-    """Cells of one element and one law, in B batches of LANES, with a nodes and q points.
-
-    Attributes:
-        cells: Their nodes and gradients.
-        weights: Rest volume at each point in [m^3], shape (B q, LANES).
-        moduli: In [Pa], see `tune`, shape (B MODULI, LANES).
-    """
-
-    cells: CellBatches
-    weights: Array
-    moduli: Array
+def rubber_moduli(law: SeriesRubber, p: Array) -> Array:
+    """Slope s and the coefficients of psi, see SeriesRubber, in [Pa], shape (m, 5)."""
+    return np.column_stack([law.rest_moduli(p).slope, law.series(p)])
 
 
-def rubber_cells(group: ElementGroup, cells: CellBatches) -> RubberCells:
-    """The cells of a group of a SeriesRubber; `tune` gives them the values of their law."""
-    weights = in_lanes(group.weights)
-    return RubberCells(cells, weights.reshape(-1, LANES), np.zeros((len(weights) * MODULI, LANES)))
+def _psi_slopes(t: Lanes, numbers: list[Lanes]) -> tuple[Lanes, Lanes]:
+    """2 psi' and 4 psi'' of the coefficients c1, c2, c3 and l."""
+    c1, c2, c3, log = numbers
+    over = (t * 0.0 + 1.0) / (t + 4.0)
+    first = (c1 + t * (c2 * 2.0 + t * c3 * 3.0) - log * over) * 2.0
+    return first, (c2 * 2.0 + t * c3 * 6.0 + log * over * over) * 4.0
 
 
-def tune(cells: RubberCells, group: ElementGroup, p: Array) -> None:
-    """Take over the values p (m, k) of the law's parameters.
+@intrinsic
+def put_rubber(typing: Any, points: Any, row: Any, weights: Any, weight: Any, moduli: Any, place: Any) -> Any:
+    """Stress and tangent of a point; moduli: rows from `place` on, see PointCells."""
+    integer = types.int64
+    signature = types.void(points, integer, weights, integer, moduli, integer)
 
-    The moduli are the coefficients of psi, see SeriesRubber, s, the slope of psi's part by a principal
-    stretch at rest, and the bulk coefficients at the points and on the mean.
-    """
-    law, left = law_within(group.material), np.ones(len(p))
-    if isinstance(group.material, Relaxing):
-        left, p = group.material.left(p), group.material.own(p)
-    assert isinstance(law, SeriesRubber)  # see PairedCells
-    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(law, p)
-    series = left[:, None] * law.series(p)
-    moduli = np.column_stack([series, left * law.rest_moduli(p).slope, *bulk])
-    cells.moduli[:] = in_lanes(moduli).reshape(-1, LANES)
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        b, kinds = Batch(context, builder), signature.args
+        point = b.start(kinds[0], args[0], args[1])
+        w = b.load(b.start(kinds[2], args[2], args[3]), 1)[0]
+        at_point, _, rest, *series = b.load(b.start(kinds[4], args[4], args[5]), 7)
+        f, sides = b.load_matrix(point), b.load_matrix(point, 18)
+        first, second = (w * each for each in _psi_slopes(contraction(f, f) - 3.0, series))
+        tension, turning = (w * (each - rest) for each in b.load(point, 2, 84))
+        local, nine, across = w * at_point, flat(f), flat(sides)
+        for k in range(9):
+            b.put(point, 30 + k, first * nine[k] + tension * across[k])
+        stretched, pressed = [second * each for each in nine], [local * each for each in across]
+        turned = [turning * each for each in nine]
+
+        def entry(one: int, other: int) -> Lanes:
+            (i, j), (k, n) = divmod(one, 3), divmod(other, 3)
+            total = stretched[one] * nine[other] + pressed[one] * across[other]
+            if one == other:
+                return total + first
+            if i == k or j == n:
+                return total
+            third = turned[3 * (3 - i - k) + 3 - j - n]
+            return total + third if ((i + 1) % 3 == k) == ((j + 1) % 3 == n) else total - third
+
+        put_tangent(b, point, entry)
+        return context.get_dummy_value()
+
+    return signature, generate
 
 
-@kernel
-def put_means(points: Array, weights: Array, first: int, count: int, means: Array) -> None:
-    """Means over each cell's `count` points of their rows 27 to 30, then its volume, into `means`."""
-    means[:] = 0.0
-    for q in range(count):
-        for lane in range(LANES):
-            w = weights[first + q, lane]
-            means[3, lane] += w
-            for k in range(3):
-                means[k, lane] += w * points[POINT_ROWS * q + 27 + k, lane]
-    for lane in range(LANES):
+@intrinsic
+def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> Any:
+    """Psi, h, a and b of W at a point."""
+    signature = types.void(points, types.int64, moduli, types.int64)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        b, kinds = Batch(context, builder), signature.args
+        point = b.start(kinds[0], args[0], args[1])
+        series = b.load(b.start(kinds[2], args[2], args[3]), 4, 3)
+        s = b.load(point, 3, 104)
+        first, second = _psi_slopes(s[0] * s[0] + s[1] * s[1] + s[2] * s[2] - 3.0, series)
+        h = [second * s[i] * s[j] for i in range(3) for j in range(i, 3)]
         for k in range(3):
-            means[k, lane] /= means[3, lane]
+            h[HESSIAN[k][k]] = h[HESSIAN[k][k]] + first
+        put_principal(b, point, [first * each for each in s], h, [first] * 3, [first] * 3)
+        return context.get_dummy_value()
+
+    return signature, generate
 
 
 @kernel
-def fill_rubber(
-    x: Array, moved: Array, velocities: Array, lag: float, mean_share: float, scale: float,
-    rubber: RubberCells, places: CellPlaces, forces: Array, panels: Array, kept: Array,
-) -> None:  # fmt: skip
-    """Add f - lag K v of the cells to the forces (n, 3), and `scale` times their stiffness to the matrix.
-
-    Args:
-        x: Positions in [m], shape (n, 3).
-        moved: See fem.assembly.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
-        velocities: In [m/s], shape (n, 3).
-        mean_share: See fem.assembly.cell_stiffness.
-        lag: In [s].
-        scale: Of the stiffness.
-        rubber: The cells.
-        places: Where their blocks go.
-        forces: In [N], shape (n, 3).
-        panels: Of the factor.
-        kept: See Pairs.blocks.
-    """
-    nodes, gradients, weights = rubber.cells.nodes, rubber.cells.gradients, rubber.weights
-    batches, a, _ = nodes.shape
-    count = len(weights) // batches
-    values, states = np.zeros((3 * a, LANES)), np.empty((POINT_ROWS * count, LANES))
-    step, means, bulk = np.empty((9, LANES)), np.empty((4, LANES)), np.empty((1, LANES))
-    right, left = np.empty((NODE_ROWS * a * count, LANES)), np.empty((LEFT_ROWS * count, LANES))
-    volumes, pulls = np.empty((3 * a, LANES)), np.empty((3 * a, LANES))
-    blocks, pitch = np.empty((3 * a * (a + 1) // 2, LANES, 4)), 3 * count
-    for batch in range(batches):
-        place, weight = batch * a * pitch, batch * count
-        gather(x, nodes, batch, values)
-        for q in range(count):
-            put_gradient(values, gradients, place + 3 * q, pitch, a, states, POINT_ROWS * q)
-        gather(velocities, nodes, batch, values)
-        for q in range(count):
-            put_gradient(values, gradients, place + 3 * q, pitch, a, states, POINT_ROWS * q + 18)
-        if len(moved):
-            gather(moved, nodes, batch, values)
+def rubber_points(batch: int, given: Given, cells: PointCells) -> None:
+    """Stress and tangent of all points of a batch."""
+    points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
+    batches = len(cells.cells.nodes)
+    count, place = len(weights) // batches, batch * (len(moduli) // batches)
+    deform(batch, given, cells)
+    for q in range(count):
+        put_cofactors(points, POINT_ROWS * q, steps, 9 * q)
+    press(batch, cells)
+    for q in range(count):
+        row, weight = POINT_ROWS * q, count * batch + q
+        if given.positive:
+            put_stretches(points, row)
+            put_rubber_modes(points, row, moduli, place)
+            add_volume(points, row, moduli, place, place + 2)
+            clamp_modes(points, row)
+            put_modes(points, row, weights, weight)
         else:
-            values[:] = 0.0
-        for q in range(count):
-            put_gradient(values, gradients, place + 3 * q, pitch, a, step, 0)
-            put_volume(states, POINT_ROWS * q, step)
-        put_means(states, weights, weight, count, means)
-        volumes[:] = 0.0
-        pulls[:] = 0.0
-        for q in range(count):
-            point = POINT_ROWS * q
-            put_stress(
-                states, point, weights, weight + q, rubber.moduli, batch, means, lag, mean_share, scale
-            )
-            for n in range(a):
-                slope, row = place + n * pitch + 3 * q, NODE_ROWS * (n * count + q)
-                put_node(states, point, gradients, slope, weights, weight + q, n, right, row, volumes, pulls)
-        for lane in range(LANES):
-            bulk[0, lane] = scale * mean_share * rubber.moduli[MODULI * batch + 6, lane] / means[3, lane]
-        pair = 0
-        for m in range(a):
-            for q in range(count):
-                slope, row = place + m * pitch + 3 * q, NODE_ROWS * (m * count + q)
-                put_left(states, POINT_ROWS * q, gradients, slope, right, row, left, LEFT_ROWS * q)
-            for n in range(m, a):
-                row, slope = NODE_ROWS * n * count, place + n * pitch
-                put_block(left, right, row, gradients, slope, count, volumes, m, n, bulk, blocks, pair)
-                pair += 1
-        first = batch * LANES
-        for lane in range(min(LANES, len(places.strides) - first)):
-            for n in range(a):
-                for i in range(3):
-                    forces[nodes[batch, n, lane], i] += pulls[3 * n + i, lane]
-            add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, kept)
+            put_rubber(points, row, weights, weight, moduli, place)
+
+
+@kernel
+def fill_rubber(given: Given, cells: PointCells, into: Into) -> None:
+    """Add forces and stiffness of all cells."""
+    for batch in range(len(cells.cells.nodes)):
+        rubber_points(batch, given, cells)
+        finish(batch, given, cells, into)
+
+
+@kernel
+def remember_rubber(given: Given, cells: PointCells, memory: Memory) -> None:
+    """Take over in the memory of all cells what a step has done."""
+    for batch in range(len(cells.cells.nodes)):
+        rubber_points(batch, given, cells)
+        remember(batch, cells, memory)
