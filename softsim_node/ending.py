@@ -1,15 +1,18 @@
-"""When this process shall end: a signal came, or the program that started it is gone."""
+"""When this process shall end: a signal came, or the program that started it is gone; what is left behind."""
 
 from __future__ import annotations
 
 import errno
 import os
 import signal
+import sys
 import termios
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TypeVar
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 OUTLIVE = "SOFTSIM_OUTLIVE_PARENT"
@@ -18,7 +21,16 @@ OUTLIVE = "SOFTSIM_OUTLIVE_PARENT"
 AGAIN_S = 0.05
 """How long an interrupt inside a callback of the compiler is put off, in [s]."""
 
+PATIENCE_S = 0.5
+"""A process that shall end waits so long for a thread in [s], then leaves it behind: compiling kernels takes
+tens of seconds, and nothing can interrupt it."""
+
+LOOK_S = 0.05
+"""Who waits for other work looks this often whether the process shall end, in [s]."""
+
 _COMPILER = "llvmlite.binding."
+
+Result = TypeVar("Result")
 
 
 class Ending:
@@ -31,6 +43,7 @@ class Ending:
     def __init__(self) -> None:
         self._asked = self._raised = self._raises = False
         self._parent: int | None = None
+        self._left: list[threading.Thread] = []
 
     def watch(self) -> None:
         """Take SIGINT, SIGTERM and SIGHUP as a request to end from now on, and the end of the parent, too.
@@ -77,6 +90,58 @@ class Ending:
         """No signal raises inside, also where this lies inside `interruptible`."""
         with self._raising(False):
             yield
+
+    def wait_for(self, thread: threading.Thread) -> bool:
+        """Join a thread that was told to end; False: the process shall end and left it behind, see `leave`.
+
+        It has to be a daemon that touches nothing that is closed after this.
+        """
+        while thread.is_alive():
+            thread.join(LOOK_S)
+            if self.asked:
+                thread.join(PATIENCE_S)
+                if thread.is_alive():
+                    self._left.append(thread)
+                    return False
+        return True
+
+    def abandonable(self, work: Callable[[], Result]) -> Result:
+        """The result of work that leaves nothing to be closed; what it raises is raised here.
+
+        In the main thread the work is done in another one, so that a signal is heard while it compiles.
+
+        Raises:
+            KeyboardInterrupt: the process shall end; the work is left behind.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return work()
+        done: Future[Result] = Future()
+
+        def carry_out() -> None:
+            try:
+                done.set_result(work())
+            except BaseException as error:
+                done.set_exception(error)
+
+        thread = threading.Thread(target=carry_out, name="abandonable", daemon=True)
+        thread.start()
+        while not wait((done,), LOOK_S).done:
+            if self.asked:
+                self._left.append(thread)
+                raise KeyboardInterrupt
+        return done.result()
+
+    def leave(self, code: int) -> int:
+        """The process's exit code, as its last step; where a thread was left behind it ends here and now.
+
+        The interpreter would take the compiler's data away from under a thread that compiles.
+        """
+        if any(thread.is_alive() for thread in self._left):
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(OSError, ValueError):
+                    stream.flush()
+            os._exit(code)
+        return code
 
     def over(self) -> None:
         """Everything is closed: a signal on the last steps of the interpreter is ignored.

@@ -126,7 +126,7 @@ def run_node(
             node.destroy_node()
         rclpy.utilities.try_shutdown()
         ending.over()
-    return code
+    return ending.leave(code)
 
 
 def complain(sentence: str) -> int:

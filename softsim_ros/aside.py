@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from typing import TypeVar
 
 from softsim_core.errors import SoftSimError
+from softsim_node.ending import ending
 
 MOST_WAITING = 3
 """So many pieces of work wait for the one that is being done; more are refused."""
@@ -54,10 +55,10 @@ class Aside:
             self._line.remove(place)
 
     def close(self) -> None:
-        """Wait for the end of the work that is being done, if there is any."""
+        """Wait for the end of the work that is being done, if there is any; see `ending.wait_for`."""
         thread = self._thread
         if thread is not None:
-            thread.join()
+            ending.wait_for(thread)
 
     async def _done(self, work: Callable[[], Result]) -> Result:
         done: Future[Result] = Future()
@@ -68,7 +69,7 @@ class Aside:
             except BaseException as error:
                 done.set_exception(error)
 
-        self._thread = threading.Thread(target=carry_out, name="aside")
+        self._thread = threading.Thread(target=carry_out, name="aside", daemon=True)
         self._thread.start()
         while self._thread.is_alive():
             await self._look()

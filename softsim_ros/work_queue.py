@@ -9,6 +9,7 @@ from concurrent.futures import Future, wait
 from typing import TypeVar
 
 from softsim_core.errors import SoftSimError
+from softsim_node.ending import LOOK_S, ending
 
 REQUEST_TIMEOUT_S = 30.0
 """A request waits this long for the work in progress, in [s]; the first may compile kernels."""
@@ -33,7 +34,8 @@ class WorkQueue:
         """Have the thread run an action and wait for its result; what it raises is raised here.
 
         Raises:
-            SoftSimError: the thread has ended, or is busy for longer than REQUEST_TIMEOUT_S.
+            SoftSimError: the thread has ended, the process shall end, or the thread is busy for longer than
+                REQUEST_TIMEOUT_S.
         """
         future: Future[Result] = Future()
 
@@ -45,7 +47,9 @@ class WorkQueue:
 
         self._queue.put(run)
         end = time.monotonic() + REQUEST_TIMEOUT_S
-        while not wait((future,), 1.0).done:
+        while not wait((future,), LOOK_S).done:
+            if ending.asked:
+                raise SoftSimError("request given up: this program ends")
             if not self._is_alive():
                 raise SoftSimError(f"request refused: {self._owner} has ended")
             if time.monotonic() > end:

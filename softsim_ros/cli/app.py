@@ -108,15 +108,16 @@ def main(words: Sequence[str] | None = None) -> int:
     ending.watch()
     try:
         with ending.interruptible():
-            return _dispatch(sys.argv[1:] if words is None else words)
+            code = _dispatch(sys.argv[1:] if words is None else words)
     except SoftSimError as error:
         print(f"softsim: {error}", file=sys.stderr)
-        return 1
+        code = 1
     except KeyboardInterrupt:
         print("softsim: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        code = EXIT_INTERRUPTED
     except BrokenPipeError:  # `softsim topics | head`
         sys.stderr.close()
-        return 0
+        code = 0
     finally:
         ending.over()
+    return ending.leave(code)

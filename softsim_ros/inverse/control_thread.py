@@ -16,6 +16,7 @@ from softsim_core.inverse.controller import InverseController, InverseReport
 from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.description import JointDescription
+from softsim_node.ending import ending
 from softsim_ros.inverse.following import Following, has_moved
 from softsim_ros.inverse.plant import Feedback, Plant
 from softsim_ros.simulator.pacing import Pacer, RateGate, SpeedMeter
@@ -100,10 +101,9 @@ class ControlThread:
         self._thread.start()
 
     def close(self) -> None:
-        """End after the tick in progress and join; a second call does nothing."""
+        """End after the tick in progress and join, see `ending.wait_for`; a second call does nothing."""
         self._requests.ask_to_end()
-        if self._thread.is_alive():
-            self._thread.join()
+        ending.wait_for(self._thread)
 
     @property
     def is_alive(self) -> bool:

@@ -21,6 +21,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
+from softsim_node.ending import ending
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
@@ -78,7 +79,7 @@ class InverseControl(RobotNode):
         self._commands = CommandsOut(self, self._on_foreign_command)
         self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", NEWEST_ONLY)
         self._control = ControlThread(
-            InverseController(robot, robot.inverse),
+            ending.abandonable(lambda: InverseController(robot, robot.inverse)),
             robot.joints,
             robot.scene.dt,
             self._publish,
@@ -179,6 +180,8 @@ class InverseControl(RobotNode):
 
     def _publish(self, command: Array, model: Pose) -> None:
         """Send a command and now and then the model's pose; called from the control thread."""
+        if self._closed:
+            return
         try:
             self._commands.publish(command)
             if self._model_gate.passes(time.monotonic()):
@@ -224,7 +227,7 @@ class InverseControl(RobotNode):
         self.control.feedback = settings.feedback
 
     def _ended(self, sentence: str) -> None:
-        if self.context.ok():
+        if self.context.ok() and not self._closed:
             self.get_logger().error(sentence)
 
     def _report(self) -> None:

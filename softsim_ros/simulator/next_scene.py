@@ -52,14 +52,17 @@ class SceneBuilder:
         once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
         self._logger.info(f"building {robot.name}{once}")
         backend: Any = self._settings().backend
+
+        def make() -> Simulation:
+            trial = Simulation(replace(robot, controllers=()), backend=backend)
+            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+                trial.step()
+            trial.von_mises()
+            return Simulation(robot, backend=backend)
+
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            with ending.interruptible():
-                trial = Simulation(replace(robot, controllers=()), backend=backend)
-                with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
-                    trial.step()
-                trial.von_mises()
-                simulation = Simulation(robot, backend=backend)
+            simulation = ending.abandonable(make)
         for sentence in dict.fromkeys(str(warning.message) for warning in caught):
             self._logger.warning(sentence)
         return simulation

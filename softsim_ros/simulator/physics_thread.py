@@ -15,6 +15,7 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
 from softsim_core.simulation import Simulation
+from softsim_node.ending import ending
 from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.fallback_meter import Fallbacks
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
@@ -102,6 +103,7 @@ class PhysicsThread:
         self._paused = self._paused_before_fault = False
         self._fault = ""
         self._clamped = self._refused = 0
+        self._left_behind = False
         self._pacer = Pacer()
         self._meter = SpeedMeter(simulation.dt, time.monotonic())
         self._report_gate = RateGate(1.0)
@@ -119,10 +121,9 @@ class PhysicsThread:
         self._thread.start()
 
     def close(self) -> None:
-        """End after the step in progress and join; a second call does nothing."""
+        """End after the step in progress and join, see `ending.wait_for`; a second call does nothing."""
         self._requests.ask_to_end()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._left_behind = not ending.wait_for(self._thread)
 
     @property
     def is_alive(self) -> bool:
@@ -369,6 +370,8 @@ class PhysicsThread:
         self._trajectory = None
 
     def _show(self, *, whole: bool) -> float:
+        if self._left_behind:  # those who would be shown it are gone
+            return 0.0
         now = time.monotonic()
         if self._report_gate.passes(now):
             self._last_speed = self._meter.take(now)

@@ -1,0 +1,139 @@
+"""A request to end does not wait for the compiler: the process leaves it behind, the servos at rest."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bridge_session import BridgeClient, Stream
+from node_processes import NodeProcess, ProcessGroup, spin_until
+from waiting import DEADLINE_S
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+from std_msgs.msg import Float64MultiArray, String  # noqa: E402
+
+from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from softsim_core import Simulation, load_scene  # noqa: E402
+from softsim_core.errors import SoftSimError  # noqa: E402
+from softsim_node.ending import Ending  # noqa: E402
+from softsim_ros import work_queue  # noqa: E402
+from softsim_ros.simulator import physics_thread  # noqa: E402
+from softsim_ros.simulator.physics_thread import PhysicsThread  # noqa: E402
+
+KERNELS_S = 150.0
+SOON_S = 2.0
+"""How long in [s] the end may take without a way to the safe pose; a core that others use doubles it."""
+
+REST = (150, 150, 150)
+
+COMPILES_LATER = """
+import ctypes
+from softsim_core import Controller, Scene, load_scene
+from softsim_core.robots.parts import tripod
+
+def create_scene(scene: Scene) -> None:
+    scene.name, scene.board = "tripod", load_scene("tripod").board
+    scene.add(tripod())
+    scene.add(Controller(on_key=compile_kernels))
+
+def compile_kernels(simulation, key):
+    print("compiling")
+    ctypes.CDLL(None).sleep(600)  # what the compiler looks like from Python: no interrupt, no lock
+"""
+
+
+@pytest.fixture
+def start(tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[ProcessGroup]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    processes = ProcessGroup(tmp_path)
+    yield processes
+    processes.end()
+
+
+def end(process: NodeProcess, number: signal.Signals) -> float:
+    """Have it end with code 0 and without a traceback; the time that took in [s]."""
+    began = time.monotonic()
+    assert process.end(number) == 0, process.output
+    assert "Traceback" not in process.output
+    assert "rror" not in process.output, process.output
+    return time.monotonic() - began
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_start_is_ended_while_it_compiles(
+    start: ProcessGroup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    cache = tmp_path / "kernels"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    process = start("softsim_ros.cli", "run", "simulator")
+    assert process.says("its kernels are compiled first", KERNELS_S), process.output
+    assert spin_until(lambda: any(cache.rglob("*.nbc")), KERNELS_S)  # the compiler is at the next one
+    assert end(process, number) < SOON_S
+
+
+def test_softsim_up_is_ended_at_rest_while_its_physics_compiles(start: ProcessGroup, tmp_path: Path) -> None:
+    file = tmp_path / "later.py"
+    file.write_text(COMPILES_LATER)
+    words = ("--namespace", "tripod", "--headless", "--no-viewer", "--send")
+    with VirtualBoard(link=tmp_path / "board") as board:
+        up = start("softsim_ros.cli", "up", str(file), *words, "--board", board.port)
+        client = BridgeClient(int(os.environ["ROS_DOMAIN_ID"]), start)
+        try:
+            assert up.says("simulating", KERNELS_S), up.output
+            commands = client.publisher(Float64MultiArray, "position_controller/commands")
+            stream = Stream(commands, Float64MultiArray(data=[-1.0] * 3))
+            assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
+            client.publish("keys", String(data="x"))
+            assert up.says("compiling"), up.output
+            ended: list[float] = []
+            ender = threading.Thread(target=lambda: ended.append(end(up, signal.SIGINT)))
+            ender.start()
+            ender.join(DEADLINE_S)
+            stream.stop()
+        finally:
+            client.close()
+        assert [packet.servo_bytes for packet in board.packets[-3:]] == [REST] * 3
+    assert ended[0] < SOON_S + 1.0  # a second for the way to rest
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> Ending:
+    """A request to end that the physics and its queue look at instead of the process's own."""
+    ending = Ending()
+    monkeypatch.setattr(physics_thread, "ending", ending)
+    monkeypatch.setattr(work_queue, "ending", ending)
+    return ending
+
+
+def test_a_physics_that_is_stuck_in_a_step_is_left_behind_and_shows_nothing_more(
+    asked: Ending, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = Simulation(load_scene("tripod_step_1"), backend="scipy")
+    begun, free = threading.Event(), threading.Event()
+    shown: list[Any] = []
+
+    def step(self: Simulation) -> None:
+        begun.set()
+        assert free.wait(DEADLINE_S)
+
+    monkeypatch.setattr(Simulation, "step", step)
+    physics = PhysicsThread(simulation, lambda *_: shown.append(0) or 0.0, *[lambda _: None] * 3)  # type: ignore[func-returns-value]
+    physics.start()
+    assert begun.wait(DEADLINE_S)
+    asked._asked = True
+    with pytest.raises(SoftSimError, match="this program ends"):
+        physics.reset()
+    before = len(shown)
+    physics.close()
+    assert physics.is_alive
+    free.set()
+    assert spin_until(lambda: not physics.is_alive)
+    assert len(shown) == before
