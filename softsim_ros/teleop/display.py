@@ -26,6 +26,9 @@ from softsim_ros.keys.table import GOAL_KEYS, HELP_KEY, TILT_KEYS, goal_help, ke
 BAR_WIDTHS: Final = (24, 16, 10)
 """Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
 
+WARNING_S: Final = 20.0
+"""A warning stays in view so long in [s], beside the answers to keys."""
+
 BRIDGE_TEXT: Final[dict[BridgeState, str]] = {
     "not running": "not running",
     "init": "init (port closed)",
@@ -51,6 +54,8 @@ class View:
         now: Steady clock in [s].
         namespace: Of the robot's topics.
         notice: What stays in view, such as the page's address; empty: nothing.
+        warning: Newest warning of the robot's nodes, or line of the scene's own code; empty: nothing.
+        warned_at: When it came, in [s]; it is shown for WARNING_S.
     """
 
     robot: RobotDescription
@@ -60,6 +65,8 @@ class View:
     now: float
     namespace: str
     notice: str = ""
+    warning: str = ""
+    warned_at: float = -math.inf
 
 
 def render(view: View, width: int, height: int) -> list[str]:
@@ -68,6 +75,7 @@ def render(view: View, width: int, height: int) -> list[str]:
     What matters least goes first when rows are few: blank lines, the keys, the table's head, the title.
     """
     message = _wrap(f"> {view.message}" if view.message else ">", width)[:3]
+    warns = bool(view.warning) and view.now - view.warned_at <= WARNING_S
     joints = joint_rows(view, width)
     sections = [  # importance (0 stays longest), lines; in the order they are shown
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
@@ -81,6 +89,7 @@ def render(view: View, width: int, height: int) -> list[str]:
         (8, [""]),
         (3, [f"key: {view.keys.last_key or '-'}"]),
         (2, message),
+        (3, _wrap(f"! {view.warning}", width)[:3] if warns else []),
         (8, [""]),
         (6, _help_lines(view, width)),
     ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -42,9 +44,10 @@ class Teleop(ClosableNode):
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
         super().__init__("teleop", **{"namespace": robot.name, **node_options})
         self._message, self.notice = unknown_keys(robot) or "", ""
+        self._warning, self._warned_at = "", -math.inf
         self.client = RobotClient(self, robot, self.set_status)
         self.keyboard = Keyboard(self, self.client, self.set_status)
-        self._warnings = Warnings(self, self.set_status)
+        self._warnings = Warnings(self, self.warn)
 
     @property
     def quit_requested(self) -> bool:
@@ -55,6 +58,10 @@ class Teleop(ClosableNode):
         """Show one sentence."""
         self._message = message
 
+    def warn(self, sentence: str) -> None:
+        """Show a sentence of another node for a while; the answer to a key stays beside it."""
+        self._warning, self._warned_at = sentence, time.monotonic()
+
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
         self.keyboard.press(key, now)
@@ -62,8 +69,17 @@ class Teleop(ClosableNode):
     def view(self, now: float) -> View:
         """What the display shows at `now`, steady clock in [s]."""
         client = self.client
-        keys, namespace = self.keyboard.state, self.get_namespace()
-        return View(client.robot, client.state, keys, self._message, now, namespace, self.notice)
+        return View(
+            client.robot,
+            client.state,
+            self.keyboard.state,
+            self._message,
+            now,
+            self.get_namespace(),
+            self.notice,
+            self._warning,
+            self._warned_at,
+        )
 
 
 def drive(node: Teleop) -> None:

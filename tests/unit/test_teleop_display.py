@@ -15,7 +15,7 @@ from softsim_core.scene.description import JointDescription, SceneDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.state import RobotState
 from softsim_ros.keys.press import KeyState
-from softsim_ros.teleop.display import View, bar, frame, render
+from softsim_ros.teleop.display import WARNING_S, View, bar, frame, render
 
 TRIPOD = load_scene("tripod")
 STATE = RobotState(
@@ -36,8 +36,11 @@ def shown(
     keys: KeyState = KEYS,
     message: str = MESSAGE,
     notice: str = "",
+    warning: str = "",
+    warned_at: float = 0.0,
 ) -> list[str]:
-    return render(View(TRIPOD, state, keys, message, now, "/tripod", notice), *size)
+    view = View(TRIPOD, state, keys, message, now, "/tripod", notice, warning, warned_at)
+    return render(view, *size)
 
 
 def test_a_usual_terminal_shows_everything() -> None:
@@ -60,6 +63,13 @@ def test_a_usual_terminal_shows_everything() -> None:
         "-1.4963",
         "-85.7",
     ]
+
+
+@pytest.mark.parametrize(("age", "stays"), [(0.0, True), (WARNING_S, True), (WARNING_S + 0.1, False)])
+def test_a_warning_stands_beside_the_answer_for_a_while(age: float, stays: bool) -> None:
+    lines = shown(warning="servo_bridge: no answer", warned_at=5.0, now=5.0 + age)
+    assert f"> {MESSAGE}" in lines
+    assert ("! servo_bridge: no answer" in lines) is stays
 
 
 @seed(23)
