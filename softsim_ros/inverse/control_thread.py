@@ -85,6 +85,7 @@ class ControlThread:
         self._pacer, self._gate = Pacer(), RateGate(1.0)
         self._meter = SpeedMeter(dt, time.monotonic())
         self._mode: Mode = "off"
+        self._foreign = ""
         self._base_shift = 0.0
         self._following = Following(joints, 0.0)
         self._command: Array | None = None
@@ -139,13 +140,15 @@ class ControlThread:
             base_shift: Of the joint bases in [m], where the robot does not say it itself.
 
         Raises:
-            CommandError: no joint states are known.
+            CommandError: no joint states are known, or the robot is not the model's.
             SoftSimError: the model cannot be brought there.
         """
 
         def begin(controller: InverseController) -> None:
             if self._mode != "off":
                 return
+            if self._foreign:
+                raise CommandError(f"inverse control stays off: {self._foreign}")
             now, plant = time.monotonic(), self.plant
             if plant.joints is None or plant.is_silent(now):
                 what = "yet" if plant.joints is None else f"for {now - plant.joints_at:.0f} s"
@@ -173,6 +176,16 @@ class ControlThread:
             controller.settings = self.settings = settings
 
         self.call(change)
+
+    def set_foreign(self, sentence: str) -> None:
+        """Stay off while the robot is not the one of the model, as a sentence says; empty: it is again."""
+
+        def stay_off(_: InverseController) -> None:
+            self._foreign = sentence
+            if sentence and self._mode != "off":
+                self._end(f"inverse control is off: {sentence}")
+
+        self.call(stay_off)
 
     def disable(self) -> None:
         """Stop control: nothing is published any more."""
@@ -224,7 +237,9 @@ class ControlThread:
         return None if self._report is None else self._report.model_pose
 
     def _fail(self, reason: str) -> None:
-        sentence = f"inverse control is off: {reason}; enable it again to go on from there"
+        self._end(f"inverse control is off: {reason}; enable it again to go on from there")
+
+    def _end(self, sentence: str) -> None:
         self._stop(sentence)
         self._ended(sentence)
 

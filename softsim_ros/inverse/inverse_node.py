@@ -33,6 +33,7 @@ from softsim_ros.inverse.health import health
 from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.inverse.robot import world_frames
+from softsim_ros.inverse.simulated_robot import SimulatedRobot
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
@@ -92,6 +93,7 @@ class InverseControl(RobotNode):
         self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
         self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
+        SimulatedRobot(self, self._on_other_robot, self.refuse)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -153,6 +155,13 @@ class InverseControl(RobotNode):
     def _on_base_shift(self, message: Float64) -> None:
         if np.isfinite(message.data):
             self.control.plant = self.control.plant.with_base_shift(message.data)
+
+    def _on_other_robot(self, sentence: str) -> None:
+        was_on = self._enabled
+        self.control.set_foreign(sentence)
+        if not was_on:  # else the end of control is told
+            self.get_logger().warning(sentence or "the simulator runs the robot of the model again")
+        self._state_topics.refresh()
 
     def _on_effector(self, message: PoseStamped) -> None:
         try:

@@ -22,10 +22,10 @@ from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import Camera, ViewSettings
 from softsim_ros.client.state import EffectorPose
 from softsim_ros.messages import mesh_checksum, read_point_cloud
+from softsim_ros.messages.scene_message import SceneMessage, read_scene_message
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
-from softsim_ros.viewer.scene_message import SceneMessage, read_scene_message
 from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
 from softsim_ros.viewer.surface import MM, Part
 

@@ -222,6 +222,29 @@ def test_a_reset_ends_control(control: Control) -> None:
     assert control.hears_the_joints()  # from rest, with the bases where they are now
 
 
+def test_another_robot_with_the_same_joints_switches_it_off(control: Control) -> None:
+    assert control.enable()[0]
+    assert control.spin_until(lambda: len(control.commands) > 10)
+    try:
+        looks = "{view: {stress: true}}"
+        assert control.tripod.set_parameters(overrides=looks) == (True, "")
+        control.start_pose()
+        assert control.hears_the_joints()
+        assert control.enable()[0]
+        assert control.tripod.set_parameters(overrides="{gravity: [0.0, 0.0, -1.6]}") == (True, "")
+        assert control.process.says("inverse control is off: the simulator runs another robot now (tripod)")
+        assert control.spin_until(lambda: control.enabled.value is False)
+        assert control.is_quiet()
+        success, sentence = control.enable()
+        assert not success
+        assert "stays off: the simulator runs another robot now" in sentence
+    finally:
+        assert control.tripod.set_parameters(overrides="") == (True, "")
+    assert control.process.says("the simulator runs the robot of the model again")
+    control.start_pose()
+    assert control.hears_the_joints()
+
+
 def test_a_paused_simulator_is_held_and_goes_on(control: Control) -> None:
     assert control.enable()[0]
     before = control.effector
