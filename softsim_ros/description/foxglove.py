@@ -1,4 +1,4 @@
-"""A layout for Foxglove: the robot in 3D, its joints and efforts over time, a panel that commands it."""
+"""A layout for Foxglove: the robot in 3D, joints, efforts and pressures over time, a panel that commands."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from softsim_core import RobotDescription
+from softsim_ros.chamber_topics import chambers_of
 from softsim_ros.description.rviz import SHOWN
 from softsim_ros.frames import WORLD
 
@@ -45,7 +46,10 @@ def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) 
         "DiagnosticSummary!nodes": {"topicToRender": "/diagnostics"},
     }
     below = {"direction": "column", "first": "Publish!command", "second": "DiagnosticSummary!nodes"}
-    curves = {"direction": "column", "first": "Plot!position", "second": "Plot!effort"}
+    curves: dict[str, Any] = {"direction": "column", "first": "Plot!position", "second": "Plot!effort"}
+    if pressures := _pressures(robot, start):
+        panels["Plot!pressure"] = pressures
+        curves = {"direction": "column", "first": curves, "second": "Plot!pressure", "splitPercentage": 67}
     side = {"direction": "column", "first": curves, "second": below, "splitPercentage": 60}
     layout = {"direction": "row", "first": "3D!robot", "second": side, "splitPercentage": 60}
     rest: dict[str, Any] = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
@@ -57,4 +61,17 @@ def _curves(robot: RobotDescription, topic: str, field: str) -> dict[str, Any]:
         {"value": f"{topic}.{field}[{index}]", "label": name, "enabled": True}
         for index, name in enumerate(robot.joint_names)
     ]
-    return {"title": field, "paths": paths, "showLegend": True, "followingViewWidth": 20}
+    return _plot(field, paths)
+
+
+def _pressures(robot: RobotDescription, start: str) -> dict[str, Any]:
+    """Curves of the chambers in [Pa] against vacuum; empty for a robot without."""
+    paths = [
+        {"value": f"{start}{topic}.fluid_pressure", "label": robot.joint_names[index], "enabled": True}
+        for index, topic in chambers_of(robot.joints).items()
+    ]
+    return _plot("pressure", paths) if paths else {}
+
+
+def _plot(title: str, paths: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"title": title, "paths": paths, "showLegend": True, "followingViewWidth": 20}

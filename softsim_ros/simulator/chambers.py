@@ -6,8 +6,6 @@ of the atmosphere that the scene names is added, at any height. The variance is 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from typing import Final
 
 from builtin_interfaces.msg import Time
@@ -18,10 +16,9 @@ from sensor_msgs.msg import FluidPressure
 from softsim_core.actuation.chamber import ChamberDescription
 from softsim_core.simulation import Simulation
 from softsim_ros import messages
+from softsim_ros.chamber_topics import chambers_of
 
 DEPTH: Final = 10
-LONGEST_NAME: Final = 60
-"""So much of a joint's name stands in its topic; ROS allows about 250 characters for a topic in all."""
 
 
 class ChamberPublications:
@@ -43,12 +40,13 @@ class ChamberPublications:
         The node must not be served meanwhile: its callback waits until the physics has taken the scene.
         """
         joints = simulation.robot.joints
-        self._joints = [
-            (number, joint.actuator.atmosphere)
-            for number, joint in enumerate(joints)
-            if isinstance(joint.actuator, ChamberDescription)
-        ]
-        topics = chamber_topics([joints[number].name for number, _ in self._joints])
+        chambers = chambers_of(joints)
+        self._joints = []
+        for number in chambers:
+            chamber = joints[number].actuator
+            assert isinstance(chamber, ChamberDescription)
+            self._joints.append((number, chamber.atmosphere))
+        topics = list(chambers.values())
         before, self._publishers = self._publishers, {}
         for topic in before.keys() - set(topics):
             self._node.destroy_publisher(before.pop(topic))
@@ -65,16 +63,3 @@ class ChamberPublications:
         for (joint, around), publisher in zip(self._joints, self._publishers.values(), strict=True):
             pressure = around + float(efforts[joint])
             publisher.publish(messages.fluid_pressure(stamp, self._frame, pressure))
-
-
-def chamber_topics(names: Sequence[str]) -> list[str]:
-    """The topics of chambers by the names of their joints; what no topic may hold becomes an underscore."""
-    topics: list[str] = []
-    for name in names:
-        token = re.sub(r"[^A-Za-z0-9_]", "_", name[:LONGEST_NAME])
-        if not token[:1].isalpha():
-            token = f"chamber_{token}"
-        while f"chambers/{token}/pressure" in topics:
-            token = f"{token}_"
-        topics.append(f"chambers/{token}/pressure")
-    return topics

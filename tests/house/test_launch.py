@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -29,7 +30,7 @@ from softsim_ros.launch_plan import Plan, Wishes, board_link, plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BRINGUP = REPOSITORY / "ros2_ws" / "src" / "softsim_bringup"
-ROBOTS = ["tripod", "cable_gripper"]
+ROBOTS = ["tripod", "cable_gripper", "pneu_finger", "pneu_arm"]
 
 
 def started(planned: Plan) -> list[str]:
@@ -98,6 +99,17 @@ def test_the_files_for_other_programs_are_those_of_the_robot(robot: str) -> None
     controller = yaml.safe_load((BRINGUP / "control" / f"{robot}_controllers.yaml").read_text())
     joints = controller[f"/{robot}/joint_trajectory_controller"]["ros__parameters"]["joints"]
     assert joints == list(load_scene(robot).joint_names)
+
+
+@pytest.mark.parametrize(("robot", "chambers"), [("pneu_arm", ["air_0", "air_1", "air_2"]), ("tripod", [])])
+def test_the_layout_draws_the_pressure_of_each_chamber_there_is(robot: str, chambers: list[str]) -> None:
+    layout = json.loads(companions(load_scene(robot), "lab")[f"{robot}_foxglove.json"])
+    plot = layout["configById"].get("Plot!pressure", {"paths": []})
+    assert [(each["label"], each["value"]) for each in plot["paths"]] == [
+        (name, f"/lab/chambers/{name}/pressure.fluid_pressure") for name in chambers
+    ]
+    shown = re.findall('"([A-Za-z0-9]+![a-z]+)"', json.dumps(layout["layout"]))
+    assert sorted(shown) == sorted(layout["configById"])
 
 
 # --- run by hand ------------------------------------------------------------------------------------------
