@@ -77,9 +77,9 @@ class PairedCells:
         ]
         self._coupled = [_Surface(each, *elimination_order(each, nodes, local, layout)) for each in coupled]
         further = [each.cells for each in (*self._surfaces, *self._coupled)]
-        cells = [group.cells for group in self._groups] + further
-        self._upper = [np.triu_indices(each.shape[1]) for each in cells]
-        self._places, self.pairs = cell_places(cells, nodes, local, layout)
+        all_cells = [group.cells for group in self._groups] + further
+        self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
+        self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
         self._panels = panels
         self._fill_strain = OneSignature(fill_strain)
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
