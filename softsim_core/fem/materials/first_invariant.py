@@ -57,7 +57,7 @@ class FirstInvariantRubber(Rubber):
 
 
 class SeriesRubber(FirstInvariantRubber):
-    r"""Laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`; these have compiled kernels."""
+    r"""Laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`."""
 
     @abstractmethod
     def series(self, p: Array) -> Array:
