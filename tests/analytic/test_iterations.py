@@ -121,11 +121,17 @@ def test_the_error_of_a_step_is_told(element: str, load: float, backend: str) ->
 
 
 def test_an_iteration_that_strays_is_taken_back(backend: str) -> None:
-    """A load that turns cells inside out: the step is no worse for it, and tells that it is off."""
-    ends = [bent(iterated(beam("tet10"), most), 0.1, backend) for most in (1, MANY)]
-    np.testing.assert_array_equal(ends[1].positions, ends[0].positions)
-    np.testing.assert_array_equal(ends[1].velocities, ends[0].velocities)
-    assert ends[1].report.linearisation_error > 0.01
+    """A load under which the matrix of the second iteration is not positive: the step is no worse for it.
+
+    An implementation that notices takes a clamped matrix and goes on; else the iteration is taken back.
+    """
+    once, many = (bent(iterated(beam("tet10"), most), 0.1, backend) for most in (1, MANY))
+    if many.report.fallback:
+        assert many.report.linearisation_error < 1e-3 * once.report.linearisation_error
+        return
+    np.testing.assert_array_equal(many.positions, once.positions)
+    np.testing.assert_array_equal(many.velocities, once.velocities)
+    assert many.report.linearisation_error > 0.01
 
 
 def test_asking_for_the_error_changes_nothing() -> None:

@@ -11,11 +11,6 @@ from typing import Any, Protocol
 
 from softsim_core.dynamics.numba_backend.prepare import Prepared
 from softsim_core.dynamics.numba_backend.responses import Responses
-from softsim_core.errors import FactorisationError
-
-
-class IterationError(FactorisationError):
-    """Iteration did not reach its tolerance."""
 
 
 class Elimination(Protocol):
@@ -41,6 +36,6 @@ class Elimination(Protocol):
         """One whole step, with the arguments and results of `advance.advance`.
 
         Raises:
-            IterationError: the step needs a factor; nothing has moved.
+            NotConvergedError: the step needs a factor; nothing has moved.
         """
         ...

@@ -16,7 +16,6 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.numba_backend.direct import DirectElimination
 from softsim_core.dynamics.numba_backend.elements import CLAMPED, EXACT
-from softsim_core.dynamics.numba_backend.elimination import IterationError
 from softsim_core.dynamics.numba_backend.inversion import count_inverted, oriented
 from softsim_core.dynamics.numba_backend.layout import ActuatorStiffness, Motion
 from softsim_core.dynamics.numba_backend.planning import planned_elimination
@@ -24,6 +23,7 @@ from softsim_core.dynamics.numba_backend.responses import Responses, motion_of
 from softsim_core.dynamics.numba_backend.tangent import assemble_tangent
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
+from softsim_core.errors import NotConvergedError
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.cholesky import factor
 from softsim_core.linalg.layout import clear
@@ -124,7 +124,7 @@ class NumbaStepper:
                 data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
                 self._corners,
             )  # fmt: skip
-        except IterationError:
+        except NotConvergedError:
             factoring = self._with_factor()
             report = factoring._step(state, control, parameters, moved, pressed)
             self._responses = factoring._responses
