@@ -36,6 +36,6 @@ class Elimination(Protocol):
         """One whole step, with the arguments and results of `advance.advance`.
 
         Raises:
-            NotConvergedError: the step needs a factor; nothing has moved.
+            FactorisationError: the step needs a factor; nothing has moved.
         """
         ...

@@ -26,7 +26,7 @@ from softsim_core.dynamics.numba_backend.layout import Motion
 from softsim_core.dynamics.numba_backend.node_rotations import surroundings, turn
 from softsim_core.dynamics.numba_backend.prepare import Prepared
 from softsim_core.dynamics.numba_backend.responses import Responses
-from softsim_core.errors import NotConvergedError
+from softsim_core.errors import FactorisationError
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.cholesky import factor, forward_rows
 from softsim_core.linalg.conjugate import (
@@ -122,7 +122,7 @@ class IterativeElimination:
         """See Elimination.
 
         Raises:
-            NotConvergedError: nothing has moved.
+            FactorisationError: nothing has moved.
         """
         (
             motion, straining, external, targets, base_shift, lower, upper, h, lag, rayleigh_mass, kinematics,
@@ -160,14 +160,14 @@ class IterativeElimination:
         """A^-1 b of the free nodes, shape (3 f,).
 
         Raises:
-            NotConvergedError: it is not found.
+            FactorisationError: it is not found.
         """
         result = np.empty_like(right)
         count = self._solve(
             self.matrix, self.by, right, result, tolerance, share, MOST_ITERATIONS, self._room
         )
         if count < 0:
-            raise NotConvergedError("conjugate gradients did not reach the tolerance")
+            raise FactorisationError("conjugate gradients did not reach the tolerance")
         self.iterations += count
         return result
 

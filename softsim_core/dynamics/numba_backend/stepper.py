@@ -23,7 +23,7 @@ from softsim_core.dynamics.numba_backend.responses import Responses, motion_of
 from softsim_core.dynamics.numba_backend.tangent import assemble_tangent
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
-from softsim_core.errors import NotConvergedError
+from softsim_core.errors import FactorisationError
 from softsim_core.kernels import OneSignature
 from softsim_core.linalg.cholesky import factor
 from softsim_core.linalg.layout import clear
@@ -124,7 +124,7 @@ class NumbaStepper:
                 data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
                 self._corners,
             )  # fmt: skip
-        except NotConvergedError:
+        except FactorisationError:
             factoring = self._with_factor()
             report = factoring._step(state, control, parameters, moved, pressed)
             self._responses = factoring._responses
