@@ -50,6 +50,7 @@ def test_the_bridge_tells_its_state(
     with spinning(listener, client.context):
         with spinning(bridge, client.context):
             assert becomes(connected=False, sending=False, e_stop_latched=False, commanded_by="")
+            assert wait_until(lambda: labels == ["unconfigured"])  # each topic is found for itself
             client.transition("configure")
             assert becomes(connected=True, sending=False)
             client.transition("activate")
