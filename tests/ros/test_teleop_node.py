@@ -275,7 +275,6 @@ def test_the_servo_bridge_is_started_and_stopped(
             teleop.wait_for("servo bridge: init")
             teleop.type(b"b")
             teleop.wait_for("servo bridge: comm")
-            teleop.wait_for("! servo_bridge: ")  # what it warns of the legacy protocol, before or after
             teleop.wait_for("> sending to the servo board")
             teleop.type(b"q")
             robot.wait_for_commands(1)
