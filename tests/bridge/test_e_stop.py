@@ -130,6 +130,6 @@ def test_its_clearing_moves_nothing_before_the_next_command(
         lambda b: len(b.packets) > 50
     )  # five times as long as the silence that leads to rest
     assert len({packet.servo_bytes for packet in board.packets}) == 1
-    publisher.publish(Float64MultiArray(data=[-0.5] * 3))
     stopped = board.packets[-1].servo_bytes
+    publisher.publish(Float64MultiArray(data=[-0.5] * 3))
     assert board.wait_for(lambda b: b.servo_bytes != stopped)
