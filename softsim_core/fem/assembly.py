@@ -19,6 +19,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.material import VolumetricMaterial, von_mises
 from softsim_core.fem.materials.strain import StrainMaterial, without_pressing
+from softsim_core.fem.rods import RodGroup, rod_energy, rod_forces, rod_stiffness, rod_stress
 
 
 def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
@@ -52,6 +53,8 @@ def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
         positions: Node positions in [m], shape (n, 3).
         p: Parameters of each cell, shape (m, k); see ElementGroup.values.
     """
+    if isinstance(group, RodGroup):
+        return rod_energy(group, positions, p)
     gradients, law, p = deformation_gradients(group, positions), mean_volume_law(group), p[:, None]
     if law is None:
         return np.asarray((group.weights * group.material.energy(gradients, p)).sum(axis=1))
@@ -73,6 +76,8 @@ def point_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
 
 def cell_forces(group: ElementGroup, positions: Array, p: Array) -> Array:
     """Forces of the cells on their nodes in [N], shape (m, a, 3); arguments as for `cell_energy`."""
+    if isinstance(group, RodGroup):
+        return rod_forces(group, positions, p)
     weighted = group.weights[..., None, None] * point_stress(group, positions, p)
     return np.asarray(-(group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
 
@@ -98,6 +103,8 @@ def cell_stiffness(
 
     With a `mean_share` below 1, the answer to the mean volume has so much of its stiffness.
     """
+    if isinstance(group, RodGroup):
+        return rod_stiffness(group, positions, p, positive or distant, moved)
     law, gradients = mean_volume_law(group), deformation_gradients(group, positions)
     p, m, q, a = p[:, None], *group.gradients.shape[:3]
     if law is None:
@@ -181,6 +188,8 @@ def _blocks(group: ElementGroup, tangent: Array) -> Array:
 
 def cauchy_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
     """Stress in world axes at the points in [Pa], (m, q, 3, 3); arguments as for `cell_energy`."""
+    if isinstance(group, RodGroup):
+        return rod_stress(group, positions, p)
     stress = point_stress(group, positions, p)
     return group.material.cauchy_stress(deformation_gradients(group, positions), stress)
 

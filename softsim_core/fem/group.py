@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,6 +42,8 @@ class ElementGroup:
     parameter_set: IndexArray
     fills: bool = True
 
+    per_cell: ClassVar = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
+
     @property
     def volumes(self) -> Array:
         """Rest volume of each cell in [m^3], shape (m,)."""
@@ -48,8 +51,18 @@ class ElementGroup:
 
     def part(self, chosen: IndexArray) -> ElementGroup:
         """The group of the chosen cells (k,) alone."""
-        per_cell = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in per_cell})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in self.per_cell})
+
+    def ordered(self, inside: IndexArray) -> ElementGroup:
+        """The group with the nodes of each cell in another order, shape (m, a)."""
+        return replace(self, **self.of_nodes(inside))
+
+    def of_nodes(self, inside: IndexArray) -> dict[str, Any]:
+        """What `ordered` changes, by name."""
+        return {
+            "cells": np.take_along_axis(self.cells, inside, axis=1),
+            "gradients": np.take_along_axis(self.gradients, inside[:, None, :, None], axis=2),
+        }
 
     def values(self, parameters: Sequence[Mapping[str, float]]) -> Array:
         """Values of the law's parameters for each cell, shape (m, k).

@@ -18,7 +18,7 @@ def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -
         ConfigError: a file that an actuator names cannot be read.
     """
     surroundings = Surroundings(
-        model, {body.name: body.mesh for body in bodies}, {body.name: body.nodes.start for body in bodies}
+        model, {body.name: body.solid for body in bodies}, {body.name: body.nodes.start for body in bodies}
     )
     groups = []
     for kind in actuator_kinds().values():

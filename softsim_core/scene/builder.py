@@ -16,7 +16,9 @@ from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
 from softsim_core.fem.mass import MassCoupling, mass_coupling, volume_shares
 from softsim_core.fem.materials.relaxing import Relaxing
+from softsim_core.fem.materials.section import SECTION
 from softsim_core.fem.prony import memory_shape
+from softsim_core.fem.rods import joined, rod_group
 from softsim_core.mechanics.control import Parameters
 from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
@@ -39,6 +41,7 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
+from softsim_core.mesh.rods import RodMesh, node_triangles, rod_surface
 from softsim_core.scene.actuator_builder import actuators
 from softsim_core.scene.body import Body
 from softsim_core.scene.description import (
@@ -49,6 +52,7 @@ from softsim_core.scene.description import (
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
+from softsim_core.scene.rod import draw_rod
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
 """Element of bodies that name none, by the nodes of a cell of their mesh."""
@@ -128,7 +132,18 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
 def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
     bodies, start = [], 0
     for description in scene.bodies:
+        if description.rod is not None:
+            drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
+            surface, embedding = rod_surface(drawn.mesh)
+            nodes = slice(start, start + len(drawn.mesh.points))
+            outside = node_triangles(drawn.mesh) + start
+            bodies.append(
+                Body(description.name, nodes, drawn.mesh, outside, surface, embedding, drawn.sections)
+            )
+            start = nodes.stop
+            continue
         mesh = description.mesh
+        assert mesh is not None  # checked by the description
         if not isinstance(mesh, TetMesh):
             mesh = read_tets(mesh.file, mesh.placement)
         if description.order is not None:
@@ -166,7 +181,7 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
         for added in description.added_masses:
             region = added.box or added.sphere
             assert region is not None  # checked by the description
-            nodes = nodes_in(region, body.mesh.points) + body.nodes.start
+            nodes = nodes_in(region, body.region_points) + body.nodes.start
             if len(nodes) == 0:
                 raise SceneError(
                     f"body {body.name}: no node of it lies inside the region of an added mass; move or "
@@ -205,10 +220,12 @@ def _coupling(
 
 def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> tuple[ElementGroup, ...]:
     """The cells of all bodies, one group for each pair of element and law that occurs."""
-    ends = np.cumsum([len(body.mesh.tets) for body in bodies])
+    ends = np.cumsum([len(body.cells) for body in bodies])
     members: dict[tuple[str, str], list[int]] = {}
     for b, description in enumerate(scene.bodies):
-        nodes = bodies[b].mesh.tets.shape[1]
+        if description.rod is not None:
+            continue
+        nodes = bodies[b].cells.shape[1]
         cell = element(description.element or ELEMENT_OF_NODES[nodes])
         law = description.material.law_for(scene.solver.rotation)
         if len(cell.reference) != nodes:
@@ -222,14 +239,20 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> t
         members.setdefault((cell.name, law.name), []).append(b)
     groups = []
     for (cell_name, _), inside in members.items():
-        cells = [bodies[b].mesh.tets + bodies[b].nodes.start for b in inside]
-        numbers = [np.arange(ends[b] - len(bodies[b].mesh.tets), ends[b]) for b in inside]
+        cells = [bodies[b].cells + bodies[b].nodes.start for b in inside]
+        numbers = [np.arange(ends[b] - len(bodies[b].cells), ends[b]) for b in inside]
         body = np.repeat(inside, [len(each) for each in cells])
         law = scene.bodies[inside[0]].material.law_for(scene.solver.rotation)
         groups.append(
             element_group(element(cell_name), law, rest, np.concatenate(cells), body, np.concatenate(numbers))
         )
-    return tuple(groups)
+    rods = []
+    for b, each in enumerate(bodies):
+        if isinstance(each.mesh, RodMesh):
+            assert each.sections is not None  # as all rods have
+            first = int(ends[b]) - len(each.cells)
+            rods.append(rod_group(each.mesh, each.sections, SECTION, each.nodes.start, b, first))
+    return (*groups, joined(rods)) if rods else tuple(groups)
 
 
 def _rotation(rotation_deg: tuple[float, float, float]) -> Array:
@@ -263,7 +286,7 @@ def _assign_nodes(
     moving: list[AttachmentDescription] = []
     for attachment in scene.attachments:
         body = next(body for body in bodies if body.name == attachment.body)
-        points = body.mesh.points
+        points = body.region_points
         if attachment.relative_to is not None:
             base = joints[scene.joint_names.index(attachment.relative_to)]
             points = (points - base.base_position) @ base.base_rotation
@@ -305,11 +328,15 @@ def _regions(
     regions = []
     for number, attachment in enumerate(moving):
         nodes = np.flatnonzero(region_of_node == number)
-        if attachment.to == "free":
-            f, j = frames.index(attachment.name), -1
+        frame = attachment.name if attachment.to == "free" else attachment.to
+        if frame in frames:
+            f, j = frames.index(frame), -1
             origin, rotation = frame_rest[0][f], frame_rest[1][f]
             reduced = 6 * f + np.arange(6)
-            if np.linalg.matrix_rank(rest[nodes] - rest[nodes].mean(axis=0), tol=1e-9) < 2:
+            if (
+                attachment.to == "free"
+                and np.linalg.matrix_rank(rest[nodes] - rest[nodes].mean(axis=0), tol=1e-9) < 2
+            ):
                 raise SceneError(
                     f"attachment {attachment.name}: the {len(nodes)} nodes of a free frame lie on one line, "
                     "so its rotation is not determined; enlarge its region"

@@ -107,11 +107,11 @@ def _friction(scene: SceneDescription) -> Array:
 def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
     """A surface that a deformable body carries, and the nodes and weights of its vertices, (v, 4) each."""
     if description.surface is None:
-        whole = SurfaceMesh(body.mesh.points, body.boundary - body.nodes.start, body.name)
+        whole = body.outside
     else:
         whole = read_surface(description.surface.file, description.surface.placement)
     surface = _chosen(replace(description, surface=None), whole)
-    bound = embed(surface.points, body.mesh)
+    bound = embed(surface.points, body.solid)
     weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
     return surface, bound.nodes + body.nodes.start, weights / weights.sum(axis=1, keepdims=True)
 

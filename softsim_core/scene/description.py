@@ -16,12 +16,14 @@ from softsim_core.contact.settings import ContactSettings
 from softsim_core.dynamics import Backend
 from softsim_core.errors import SceneError, listing
 from softsim_core.fem.materials import Material
+from softsim_core.fem.materials.section import SECTION
 from softsim_core.linalg.solvers import AUTO, linear_solver_names
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
+from softsim_core.scene.rod import RodDescription
 from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
     Box,
@@ -64,7 +66,9 @@ class BodyDescription:
 
     Attributes:
         name: Unique name.
-        mesh: Tetrahedra: a file, or arrays in [m].
+        mesh: Tetrahedra: a file, or arrays in [m]; or give `rod`.
+        rod: A slender body; or give `mesh`. It has the law `rod`, and no layers, fibres, surface of its own,
+            order or element.
         material: Law and parameters.
         density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. Where neither is given, that of the
             material's preset, if it is known.
@@ -86,7 +90,8 @@ class BodyDescription:
     """
 
     name: str
-    mesh: MeshFile | TetMesh
+    mesh: MeshFile | TetMesh | None = None
+    rod: RodDescription | None = None
     material: MaterialDescription
     density: float | None = None
     total_mass: float | None = None
@@ -102,6 +107,7 @@ class BodyDescription:
 
     def __post_init__(self) -> None:
         need_finite(f"body {self.name}", "velocity", self.velocity)
+        self._check_rod()
         if self.density is None and self.total_mass is None:
             object.__setattr__(self, "density", self.material.known_density)
         if (self.density is None) == (self.total_mass is None):
@@ -119,6 +125,27 @@ class BodyDescription:
         names = [each.name for each in self.reinforcements]
         if twice := {name for name in names if names.count(name) > 1}:
             raise SceneError(f"body {self.name}: layers and fibres share the name {min(twice)}; rename one")
+
+    def _check_rod(self) -> None:
+        owner = f"body {self.name}"
+        if (self.mesh is None) == (self.rod is None):
+            raise SceneError(f"{owner}: give exactly one of mesh and rod")
+        if self.rod is None:
+            if self.material.law == SECTION.name:
+                raise SceneError(
+                    f"{owner}: the law {SECTION.name} is for rods; choose another one, or give a rod"
+                )
+            return
+        if self.material.law is None and not self.material.terms:
+            object.__setattr__(self, "material", self.material.of_law(SECTION.name))
+        if self.material.law != SECTION.name or self.material.terms:
+            law = f"{self.material.law} with Prony terms" if self.material.terms else self.material.law
+            raise SceneError(
+                f"{owner}: a rod has the law {SECTION.name}, not {law}; remove `law` and `prony`"
+            )
+        for name in ("layers", "fibres", "surface", "order", "element"):
+            if getattr(self, name):
+                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
 
     @property
     def reinforcements(self) -> tuple[LayerDescription | FibresDescription, ...]:
@@ -216,7 +243,8 @@ class AttachmentDescription:
     Attributes:
         name: Unique name; a free frame carries this name.
         body: Name of the body.
-        to: "world" (held still), "free" (a rigid frame with six unknowns), or the name of a joint.
+        to: "world" (held still), "free" (a rigid frame with six unknowns), the name of a joint, or that of an
+            attachment with to = free, whose frame then carries both.
         box, sphere: The region, exactly one; nodes are chosen once, on the rest shape.
         relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
         frame: Origin in [m] and orientation of a free frame, in world coordinates.
@@ -407,7 +435,7 @@ class SceneDescription:
 
         for attachment in self.attachments:
             known("body", attachment.body, bodies)
-            known_soft("attachment target", attachment.to, ("world", "free", *frames))
+            known_soft("attachment target", attachment.to, ("world", "free", *frames, *free))
             known("joint", attachment.relative_to, frames)
         for each in self.joints:
             if each.actuator is not None:

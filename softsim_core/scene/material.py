@@ -89,6 +89,10 @@ class MaterialDescription:
         """The same law with other values."""
         return MaterialDescription(law=self.law, preset=self.preset, prony=(), **{**self.values, **values})
 
+    def of_law(self, law: str) -> MaterialDescription:
+        """The same values for another law that has these parameters."""
+        return MaterialDescription(law=law, preset=None, prony=(), **self.values)
+
     def __getattr__(self, name: str) -> float:
         if name in self.__slots__ or name not in self.values:
             raise AttributeError(f"a material of the law {self.law or DEFAULT_LAW} has no {name!r}")

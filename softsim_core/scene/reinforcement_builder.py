@@ -80,13 +80,13 @@ def reinforcements(
 def _layer(
     layer: LayerDescription, description: BodyDescription, body: Body, b: int, number: int, rest: Array
 ) -> ElementGroup:
-    faces = boundary_faces(body.mesh)
+    faces = boundary_faces(body.solid)
     region = layer.box or layer.sphere
     assert region is not None  # checked by the description
-    inside = np.isin(faces, nodes_in(region, body.mesh.points)).all(axis=1)
+    inside = np.isin(faces, nodes_in(region, body.solid.points)).all(axis=1)
     faces = faces[inside] + body.nodes.start
     if not len(faces):
-        low, high = body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)
+        low, high = body.solid.points.min(axis=0), body.solid.points.max(axis=0)
         raise SceneError(
             f"layer {layer.name} of body {description.name}: no face of the body lies inside its region; "
             f"move or enlarge it (the body spans {low} to {high} m)"

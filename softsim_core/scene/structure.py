@@ -398,12 +398,14 @@ def _converter(find_files: bool) -> Any:
         converter.register_structure_hook_factory(functools.partial(_has_origin, origin), factory)
 
     def mesh_or_file(value: Any, _: Any) -> Any:
-        return value if isinstance(value, TetMesh) else converter.structure(value, MeshFile)
+        return value if value is None or isinstance(value, TetMesh) else converter.structure(value, MeshFile)
 
     def points_or_file(value: Any, _: Any) -> Any:
         return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
 
-    converter.register_structure_hook_func(lambda t: _members(t) == {MeshFile, TetMesh}, mesh_or_file)
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {MeshFile, TetMesh, type(None)}, mesh_or_file
+    )
     converter.register_structure_hook_func(
         lambda t: _members(t) == {tuple[Vector, ...], Path}, points_or_file
     )

@@ -66,7 +66,7 @@ class SceneState:
         self._surface = SurfaceFollower(
             [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
         )
-        cells = [body.mesh.tets + body.nodes.start for body in self.bodies]
+        cells = [body.cells + body.nodes.start for body in self.bodies]
         self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
         self._with_points = [group for group in self.model.filling if len(group.element.points) > 1]
         self._shown_by_points = np.unique(
@@ -170,7 +170,7 @@ class SceneState:
     @property
     def tets(self) -> IndexArray:
         """Tetrahedra of all bodies, of quadratic ones the corners, shape (m, 4)."""
-        tets = [body.mesh.tets[:, :4] + body.nodes.start for body in self.bodies]
+        tets = [body.solid.tets[:, :4] + body.nodes.start for body in self.bodies]
         return np.concatenate([np.zeros((0, 4), np.int64), *tets])
 
     @property

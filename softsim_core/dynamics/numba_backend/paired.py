@@ -11,6 +11,7 @@ from softsim_core.dynamics.numba_backend.batches import cell_batches, count_fold
 from softsim_core.dynamics.numba_backend.laws import compiled_law, point_cells, tune
 from softsim_core.dynamics.numba_backend.layout import Nodes
 from softsim_core.dynamics.numba_backend.point_cells import Given, Into, PointCells
+from softsim_core.dynamics.numba_backend.rod_cells import fill_rods, rod_cells, tune_rods
 from softsim_core.dynamics.numba_backend.scatter import (
     add_all_blocks,
     cell_places,
@@ -61,6 +62,7 @@ class PairedCells:
         ]
         self._batches = [cell_batches(group) for group in self._groups]
         self._strain = [strain_cells(group) for group in self._groups]
+        self._rods = [rod_cells(group) for group in self._groups]
         kinds = [(group.element.name, group.material.name) for group in whole]
         self._memories = []
         for group in self._groups:
@@ -81,7 +83,7 @@ class PairedCells:
         self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
         self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
         self._panels = panels
-        self._fill_strain = OneSignature(fill_strain)
+        self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def __bool__(self) -> bool:
@@ -89,11 +91,15 @@ class PairedCells:
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""
-        for group, points, strain in zip(self._groups, self._points, self._strain, strict=True):
+        for group, points, strain, rods in zip(
+            self._groups, self._points, self._strain, self._rods, strict=True
+        ):
             if points is not None:
                 tune(points, group, group.values(materials))
             if strain is not None:
                 tune_strain(strain, group, group.values(materials))
+            if rods is not None:
+                tune_rods(rods, group, group.values(materials))
 
     def fill(
         self,
@@ -141,6 +147,11 @@ class PairedCells:
             if strain is not None and positive:
                 self._fill_strain(x, by, velocities, lag, scale, strain, forces)
                 self._add_all_blocks(strain.blocks, self._places[k], self._panels, kept)
+                continue
+            rods = self._rods[k]
+            if rods is not None and positive:
+                self._fill_rods(x, by, velocities, lag, scale, rods, forces)
+                self._add_all_blocks(rods.blocks, self._places[k], self._panels, kept)
                 continue
             p = group.values(materials)
             stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)

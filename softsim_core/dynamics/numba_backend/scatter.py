@@ -8,7 +8,6 @@ are known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -113,12 +112,7 @@ def node_pairs(cells: IndexArray) -> IndexArray:
 def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
     """The group with its cells, and the nodes of each, as they are eliminated; see CellPlaces."""
     order, inside = elimination_order(group.cells, nodes, local, layout)
-    group = group.part(order)
-    return replace(
-        group,
-        cells=np.take_along_axis(group.cells, inside, axis=1),
-        gradients=np.take_along_axis(group.gradients, inside[:, None, :, None], axis=2),
-    )
+    return group.part(order).ordered(inside)
 
 
 def elimination_order(

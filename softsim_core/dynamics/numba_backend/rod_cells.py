@@ -1,0 +1,220 @@
+"""Compiled cells of rods, for the step; the formulas are those of fem.rods.
+
+With the vectors v_f of a point, the strains have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n,
+and the block of nodes m, n is
+
+    w [B_km C_kl B_ln + T_k L_fm Q_kfg L_gn I]
+
+where T is the resultant that the last linear solve found.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.numba_backend.compile import kernel
+from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.rods import RodGroup, StrainPoints
+
+
+class RodPoints(NamedTuple):
+    """One of the families of points of m cells, q points each; see fem.rods.StrainPoints.
+
+    Attributes:
+        members: Which of the nodes of a cell take part, ascending, shape (m, q, b).
+        maps: From these to the vectors, shape (m, q, f, b).
+        forms: See there, shape (k, f, f).
+        stretching: Whether a strain is one vector's length, shape (k,).
+        natural: See there, shape (m, q, k).
+        stiffness: Times the lengths, shape (m, q, k, k).
+    """
+
+    members: IndexArray
+    maps: Array
+    forms: Array
+    stretching: IndexArray
+    natural: Array
+    stiffness: Array
+
+
+class RodCells(NamedTuple):
+    """Cells of rods.
+
+    Attributes:
+        nodes: Node indices, shape (m, 9).
+        line, sections: Their points.
+        blocks: See StrainCells.
+    """
+
+    nodes: IndexArray
+    line: RodPoints
+    sections: RodPoints
+    blocks: Array
+
+
+def rod_cells(group: ElementGroup) -> RodCells | None:
+    """The cells of a group of rods, else None; `tune_rods` gives them the values of their law."""
+    if not isinstance(group, RodGroup):
+        return None
+    cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
+    blocks = np.zeros((len(cells), a * (a + 1) // 2, 3, 4))
+    return RodCells(cells, _points(group.line, a), _points(group.sections, 3), blocks)
+
+
+def _points(points: StrainPoints, taking_part: int) -> RodPoints:
+    members = np.sort(np.argsort(-np.abs(points.maps).sum(axis=2), axis=2, kind="stable")[..., :taking_part])
+    maps = np.take_along_axis(points.maps, members[:, :, None, :], axis=3)
+    stretching = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1).astype(np.int64)
+    return RodPoints(
+        members, maps, points.forms, stretching, points.natural.copy(), np.zeros_like(points.stiffness)
+    )
+
+
+def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
+    """Take over the values p (m, k) of the law's parameters."""
+    assert isinstance(group, RodGroup)
+    for points, (family, stiffness) in zip((cells.line, cells.sections), group.families(p), strict=True):
+        points.stiffness[:] = family.lengths[..., None, None] * stiffness
+
+
+@kernel
+def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: int, out: Array) -> None:
+    """The vectors of nodal values (n, 3) at point q of cell e, shape (f, 3)."""
+    maps, members = points.maps, points.members
+    for f in range(maps.shape[2]):
+        for i in range(3):
+            total = 0.0
+            for n in range(members.shape[2]):
+                total += maps[e, q, f, n] * nodal[nodes[e, members[e, q, n]], i]
+            out[f, i] = total
+
+
+@kernel
+def put_slopes(forms: Array, v: Array, out: Array) -> None:
+    """Q_k v of all strains, shape (k, f, 3)."""
+    for k in range(forms.shape[0]):
+        for f in range(forms.shape[1]):
+            for i in range(3):
+                out[k, f, i] = 0.0
+            for g in range(forms.shape[1]):
+                if forms[k, f, g] != 0.0:
+                    for i in range(3):
+                        out[k, f, i] += forms[k, f, g] * v[g, i]
+
+
+@kernel
+def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
+    """Factor times v . Q_k v of all strains, with the slopes of one of the two, shape (k,)."""
+    for k in range(len(out)):
+        total = 0.0
+        for f in range(len(v)):
+            for i in range(3):
+                total += slopes[k, f, i] * v[f, i]
+        out[k] = factor * total
+
+
+@kernel
+def fill_points(
+    x: Array,
+    moved: Array,
+    velocities: Array,
+    lag: float,
+    scale: float,
+    nodes: IndexArray,
+    points: RodPoints,
+    forces: Array,
+    blocks: Array,
+) -> None:
+    """What a family of points adds; see `fill_rods`."""
+    maps, members, forms = points.maps, points.members, points.forms
+    strains, vectors, taking_part = forms.shape[0], forms.shape[1], members.shape[2]
+    a = nodes.shape[1]
+    v, dv = np.zeros((vectors, 3)), np.zeros((vectors, 3))
+    slopes, turned = np.zeros((strains, vectors, 3)), np.zeros((strains, vectors, 3))
+    e_now, e_change, e_rate = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
+    b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
+    turning = np.zeros((vectors, vectors))
+    for e in range(len(nodes)):
+        for q in range(maps.shape[1]):
+            put_vectors(x, nodes, points, e, q, v)
+            put_slopes(forms, v, slopes)
+            put_products(slopes, v, 0.5, e_now)
+            for k in range(strains):
+                e_now[k] -= points.natural[e, q, k]
+                e_change[k] = e_now[k]
+            if len(moved):
+                put_vectors(moved, nodes, points, e, q, dv)
+                put_slopes(forms, dv, turned)
+                put_products(turned, dv, 0.5, e_rate)
+                for k in range(strains):
+                    e_change[k] -= e_rate[k]
+            put_vectors(velocities, nodes, points, e, q, dv)
+            put_slopes(forms, dv, turned)
+            put_products(slopes, dv, 1.0, e_rate)
+            for k in range(strains):
+                found[k] = acting[k] = 0.0
+                for j in range(strains):
+                    stiff = points.stiffness[e, q, k, j]
+                    if stiff != 0.0:
+                        found[k] += stiff * e_change[j]
+                        acting[k] += stiff * (e_now[j] + lag * e_rate[j])
+                if not len(moved):
+                    found[k] = max(found[k], 0.0) if points.stretching[k] else 0.0
+            pull[:] = 0.0
+            turning[:] = 0.0
+            for k in range(strains):
+                for f in range(vectors):
+                    for i in range(3):
+                        pull[f, i] += acting[k] * slopes[k, f, i] + lag * found[k] * turned[k, f, i]
+                    for g in range(vectors):
+                        turning[f, g] += scale * found[k] * forms[k, f, g]
+            for n in range(taking_part):
+                node = nodes[e, members[e, q, n]]
+                for f in range(vectors):
+                    for i in range(3):
+                        forces[node, i] -= maps[e, q, f, n] * pull[f, i]
+            b[:] = 0.0
+            for k in range(strains):
+                for f in range(vectors):
+                    for n in range(taking_part):
+                        for i in range(3):
+                            b[k, 3 * n + i] += maps[e, q, f, n] * slopes[k, f, i]
+            cb[:] = 0.0
+            for k in range(strains):
+                for j in range(strains):
+                    stiff = scale * points.stiffness[e, q, k, j]
+                    if stiff != 0.0:
+                        for c in range(3 * taking_part):
+                            cb[k, c] += stiff * b[j, c]
+            for m in range(taking_part):
+                first = members[e, q, m]
+                for n in range(m, taking_part):
+                    pair = first * a - first * (first - 1) // 2 + members[e, q, n] - first
+                    along = 0.0
+                    for f in range(vectors):
+                        for g in range(vectors):
+                            along += maps[e, q, f, m] * turning[f, g] * maps[e, q, g, n]
+                    for i in range(3):
+                        for j in range(3):
+                            total = 0.0
+                            for k in range(strains):
+                                total += cb[k, 3 * m + i] * b[k, 3 * n + j]
+                            blocks[e, pair, i, j] += total
+                        blocks[e, pair, i, i] += along
+
+
+@kernel
+def fill_rods(
+    x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: RodCells, forces: Array
+) -> None:
+    """Add f - lag K v of the cells to the forces (n, 3), and put scale times K; see strain_cells.fill_strain.
+
+    Without `moved`, K has no negative parts.
+    """
+    cells.blocks[:] = 0.0
+    fill_points(x, moved, velocities, lag, scale, cells.nodes, cells.line, forces, cells.blocks)
+    fill_points(x, moved, velocities, lag, scale, cells.nodes, cells.sections, forces, cells.blocks)

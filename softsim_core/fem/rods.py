@@ -1,0 +1,352 @@
+r"""Cells of rods: slender bodies whose cross-sections move as wholes, in nodes that have places only.
+
+A cross-section is three nodes on an ellipse about its centre r. They are what moves; r and the directors
+d_1, d_2, which begin as the axes of the section with length one, are linear in them:
+:math:`x_k = r + a_k d_1 + b_k d_2`. With :math:`(a_k, b_k) = \sqrt2 (i_1 \cos \varphi_k, i_2 \sin \varphi_k)`
+at three even angles, and the radii of gyration i_1, i_2 of the section, nodes of one third of its mass each
+have its mass, its centre and all its moments of inertia.
+
+A cell has three sections, and r, d_1, d_2 are quadratic in the length s of the unstrained rod. With a dash
+for the derivative by s, its strains are
+
+.. math:: \varepsilon = \tfrac12 (r' \cdot r' - 1), \quad \gamma_i = r' \cdot d_i, \quad
+    \kappa_i = r' \cdot d_i', \quad \tau = \tfrac12 (d_1' \cdot d_2 - d_1 \cdot d_2')
+
+taken at two Gauss points, so neither shear nor stretch locks; a fibre at (a, b) of the section is stretched
+by :math:`\varepsilon + a \kappa_1 + b \kappa_2`. The directors are held to length one and a right angle, at
+the sections, by what stretches these: :math:`\tfrac12 (d_i \cdot d_i - 1)` and :math:`d_1 \cdot d_2`. What
+bends a rod changes its length and its sections too, by the square of a fibre's strain. All strains are
+quadratic in the places of the nodes, and turning changes none of them; step, statics and contact take a rod
+as any other body.
+
+Sources: Simo 1985, A finite strain beam formulation; Romero and Armero 2002, An objective finite element
+approximation of the kinematics of geometrically exact rods; Betsch and Steinmann 2002, Frame-indifferent beam
+finite elements based upon the geometrically exact beam theory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.fem.elements.element import ElementData
+from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials.section import Section
+from softsim_core.mesh.rods import RodMesh
+
+SECTIONS: Final = 3
+"""Cross-sections of a cell: its ends and the one between them, in order along the rod."""
+
+_ANGLES = 2.0 * np.pi * np.arange(3) / 3.0
+CIRCLE: Final = np.sqrt(2.0) * np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Where the nodes of a section stand, in its radii of gyration along d_1 and d_2, shape (3, 2)."""
+
+_GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
+_SHARES = np.array([1.0, 4.0, 1.0]) / 6.0
+_SHAPES = np.stack([0.5 * _GAUSS * (_GAUSS - 1.0), 1.0 - _GAUSS**2, 0.5 * _GAUSS * (_GAUSS + 1.0)], axis=1)
+_SLOPES = np.stack([_GAUSS - 0.5, -2.0 * _GAUSS, _GAUSS + 0.5], axis=1)
+
+_R, _D1, _D2, _B1, _B2 = range(5)
+"""Vectors of a cell at a point: r', d_1, d_2, d_1', d_2'."""
+
+
+def _forms(*entries: tuple[int, int, int, float], strains: int, vectors: int) -> Array:
+    """Matrices Q with strain_k = v^T Q_k v / 2 up to a constant, shape (strains, vectors, vectors)."""
+    forms = np.zeros((strains, vectors, vectors))
+    for k, f, g, value in entries:
+        forms[k, f, g] = forms[k, g, f] = value
+    return forms
+
+
+LINE_FORMS: Final = _forms(
+    (0, _R, _R, 1.0),
+    (1, _R, _D1, 1.0),
+    (2, _R, _D2, 1.0),
+    (3, _R, _B1, 1.0),
+    (4, _R, _B2, 1.0),
+    (5, _B1, _D2, 0.5),
+    (5, _D1, _B2, -0.5),
+    strains=6,
+    vectors=5,
+)
+SECTION_FORMS: Final = _forms((0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 0, 1, 1.0), strains=3, vectors=2)
+
+STRAIGHT: Final = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""v^T Q_k v / 2 of a straight rod without strain."""
+
+_STIFF_SECTION = np.array([0.5, 0.5, 0.0])
+
+_REFERENCE = np.concatenate([np.column_stack([CIRCLE, np.full(3, z)]) for z in (-1.0, 0.0, 1.0)])
+
+
+def _solid_slopes() -> Array:
+    """Derivatives of a cell's shape functions by its coordinates (a, b, xi) on the centre line, (2, 9, 3)."""
+    across = np.linalg.pinv(np.column_stack([CIRCLE, np.ones(3)]))  # d_1, d_2, r of the nodes of a section
+    result = np.zeros((2, 9, 3))
+    for s in range(SECTIONS):
+        nodes = slice(3 * s, 3 * s + 3)
+        result[:, nodes, 0] = _SHAPES[:, s, None] * across[0]
+        result[:, nodes, 1] = _SHAPES[:, s, None] * across[1]
+        result[:, nodes, 2] = _SLOPES[:, s, None] * across[2]
+    return result
+
+
+ROD: Final = ElementData(
+    name="rod",
+    reference=_REFERENCE,
+    points=np.column_stack([np.zeros((2, 2)), _GAUSS]),
+    weights=np.ones(2),
+    slopes=_solid_slopes(),
+    edges=np.array([[0, 3], [1, 4], [2, 5], [3, 6], [4, 7], [5, 8], [0, 1], [1, 2], [2, 0]]),
+    faces=np.zeros((0, 3), np.int64),
+    shares=np.repeat(_SHARES / 3.0, 3),
+)
+"""Three nodes for each of three sections; F on the centre line has the columns d_1, d_2 and r'."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrainPoints:
+    """Where a cell strains: the same number of points in each.
+
+    Attributes:
+        maps: From the nodes of a cell to its vectors, shape (m, q, f, a).
+        forms: Strains of the vectors, shape (k, f, f); see `LINE_FORMS`.
+        natural: v^T Q v / 2 without strain, shape (m, q, k).
+        lengths: What the energy is integrated over, in [m], shape (m, q).
+        stiffness: Of strains, over the values of the law that `scales` names, shape (m, q, k, k).
+    """
+
+    maps: Array
+    forms: Array
+    natural: Array
+    lengths: Array
+    stiffness: Array
+
+    def part(self, chosen: IndexArray) -> StrainPoints:
+        """Of the chosen cells (k,) alone."""
+        each = {name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")}
+        return replace(self, **each)
+
+    def ordered(self, inside: IndexArray) -> StrainPoints:
+        """With the nodes of each cell in another order, shape (m, a)."""
+        return replace(self, maps=np.take_along_axis(self.maps, inside[:, None, None, :], axis=3))
+
+    @staticmethod
+    def joined(parts: Sequence[StrainPoints]) -> StrainPoints:
+        """Those of all cells of several; their strains are of one kind."""
+        names = ("maps", "natural", "lengths", "stiffness")
+        each = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return replace(parts[0], **each)
+
+    def vectors(self, nodal: Array, cells: IndexArray) -> Array:
+        """The vectors of nodal values (n, 3), shape (m, q, f, 3)."""
+        return np.asarray(self.maps @ nodal[cells][:, None])
+
+    def strain(self, vectors: Array) -> Array:
+        """Strains of vectors (m, q, f, 3), shape (m, q, k)."""
+        squares = np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors)
+        return np.asarray(0.5 * squares - self.natural)
+
+    def slopes(self, vectors: Array) -> Array:
+        """Derivatives of the strains by the nodes, shape (m, q, k, a, 3)."""
+        by_vectors = np.einsum("kfg,mqgi->mqkfi", self.forms, vectors)
+        return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RodGroup(ElementGroup):
+    """Cells of rods; as ElementGroup, with the gradients of the solid on the centre line.
+
+    Attributes:
+        line: Stretch, shear, bending and twist at the Gauss points; see the module.
+        sections: What keeps the sections in shape, at the three of them.
+        own: Whether the stiffness of a cell is its own whatever the law says, as that of a clamp, shape (m,).
+        reach: How far the sections reach from their centres along d_1 and d_2 in [m], shape (m, 2).
+    """
+
+    line: StrainPoints
+    sections: StrainPoints
+    own: BoolArray
+    reach: Array
+
+    def part(self, chosen: IndexArray) -> RodGroup:
+        """See ElementGroup."""
+        line, sections = self.line.part(chosen), self.sections.part(chosen)
+        own, reach = self.own[chosen], self.reach[chosen]
+        of_cells = {name: getattr(self, name)[chosen] for name in self.per_cell}
+        return replace(self, **of_cells, line=line, sections=sections, own=own, reach=reach)
+
+    def ordered(self, inside: IndexArray) -> RodGroup:
+        """See ElementGroup."""
+        line, sections = self.line.ordered(inside), self.sections.ordered(inside)
+        return replace(self, **self.of_nodes(inside), line=line, sections=sections)
+
+    def families(self, p: Array) -> tuple[tuple[StrainPoints, Array], tuple[StrainPoints, Array]]:
+        """Line and sections, each with its stiffness in [N], [N m] and [N m^2], shape (m, q, k, k)."""
+        assert isinstance(self.material, Section)
+        along, across = (np.where(self.own[:, None], 1.0, each) for each in self.material.scales(p))
+        return _scaled(self.line, along), _scaled(self.sections, across)
+
+
+def _scaled(points: StrainPoints, scales: Array) -> tuple[StrainPoints, Array]:
+    """Points, and their stiffness where the moduli of the strains are `scales`, shape (m, k)."""
+    root = np.sqrt(scales)[:, None]
+    return points, points.stiffness * root[..., None] * root[..., None, :]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RodSections:
+    """How stiff the cells of a rod are, over the values of the law that `Section.scales` tells.
+
+    Attributes:
+        lengths: Length of each cell without strain in [m], shape (m,).
+        area: Area at the Gauss points in [m^2], shape (m, 2).
+        line: Of stretch, shear, bending and twist there: with areas, second moments and the torsion constant
+            on its diagonal, shape (m, 2, 6, 6).
+        across: Of what strains the sections, at the three of them: with their areas, shape (m, 3, 3, 3).
+        curvature: Of the cell without load in [1/m] along both axes, and twist in [rad/m], beyond that of its
+            natural shape, shape (m, 3).
+        straight: Whether this is straight; else it is the one that is drawn, shape (m,).
+        own: See RodGroup.
+        reach: See RodGroup.
+    """
+
+    lengths: Array
+    area: Array
+    line: Array
+    across: Array
+    curvature: Array
+    straight: BoolArray
+    own: BoolArray
+    reach: Array
+
+
+def rod_group(
+    mesh: RodMesh, sections: RodSections, law: Section, first_node: int, body: int, first_number: int
+) -> RodGroup:
+    """The cells of a rod whose nodes begin at `first_node`; the rest as in ElementGroup."""
+    count = len(mesh.cells)
+    inverse = np.linalg.inv(np.concatenate([np.ones((len(mesh.spread), 3, 1)), mesh.spread], axis=2))
+    of_cells = inverse[mesh.cells[:, ::3] // 3]  # (m, 3, (r, d_1, d_2), 3)
+    slopes = 2.0 / sections.lengths[:, None, None] * _SLOPES
+    shapes = np.broadcast_to(_SHAPES, slopes.shape)
+    maps = [
+        np.einsum("mqs,msk->mqsk", along, of_cells[:, :, row]).reshape(count, 2, 9)
+        for along, row in ((slopes, 0), (shapes, 1), (shapes, 2), (slopes, 1), (slopes, 2))
+    ]
+    across = np.zeros((count, 3, 2, 9))
+    for s in range(SECTIONS):
+        across[:, s, :, 3 * s : 3 * s + 3] = of_cells[:, s, 1:]
+    line_maps, half = np.stack(maps, axis=2), 0.5 * sections.lengths[:, None]
+    drawn = line_maps @ mesh.points[mesh.cells][:, None]
+    natural = 0.5 * np.einsum("mqfi,kfg,mqgi->mqk", drawn, LINE_FORMS, drawn)
+    natural = np.where(sections.straight[:, None, None], STRAIGHT, natural)
+    natural[..., 3:] += sections.curvature[:, None]
+    shares = np.multiply.outer(sections.lengths, _SHARES)
+    numbers = np.arange(count)
+    return RodGroup(
+        element=ROD,
+        material=law,
+        cells=mesh.cells + first_node,
+        weights=half * sections.area,
+        gradients=np.ascontiguousarray(np.swapaxes(line_maps[:, :, :3], 2, 3)),
+        body=np.full(count, body),
+        numbers=numbers + first_number,
+        parameter_set=np.full(count, body),
+        line=StrainPoints(line_maps, LINE_FORMS, natural, np.repeat(half, 2, axis=1), sections.line),
+        sections=StrainPoints(
+            across, SECTION_FORMS, np.broadcast_to(_STIFF_SECTION, (count, 3, 3)), shares, sections.across
+        ),
+        own=sections.own,
+        reach=sections.reach,
+    )
+
+
+def joined(groups: Sequence[RodGroup]) -> RodGroup:
+    """The cells of several rods of one law."""
+    parts: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in groups]) for name in RodGroup.per_cell
+    }
+    return replace(
+        groups[0],
+        **parts,
+        line=StrainPoints.joined([each.line for each in groups]),
+        sections=StrainPoints.joined([each.sections for each in groups]),
+        own=np.concatenate([each.own for each in groups]),
+        reach=np.concatenate([each.reach for each in groups]),
+    )
+
+
+def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.assembly.cell_energy."""
+    total = np.zeros(len(group.cells))
+    for points, stiffness in group.families(p):
+        strain = points.strain(points.vectors(positions, group.cells))
+        total += 0.5 * np.einsum(
+            "mq,mqk,mqkl,mql->m", points.lengths, strain, stiffness, strain, optimize=True
+        )
+    return total
+
+
+def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.assembly.cell_forces."""
+    total = np.zeros((*group.cells.shape, 3))
+    for points, stiffness in group.families(p):
+        vectors = points.vectors(positions, group.cells)
+        resultants = points.lengths[..., None] * (stiffness @ points.strain(vectors)[..., None])[..., 0]
+        total -= np.einsum("mqk,mqkai->mai", resultants, points.slopes(vectors))
+    return total
+
+
+def rod_stiffness(
+    group: RodGroup, positions: Array, p: Array, positive: bool = False, moved: Array | None = None
+) -> Array:
+    """See fem.assembly.cell_stiffness; a positive one has of the resultants only what stretches."""
+    count, a = group.cells.shape
+    total = np.zeros((count, a, a, 3, 3))
+    for points, stiffness in group.families(p):
+        vectors = points.vectors(positions, group.cells)
+        slopes = points.slopes(vectors)
+        strain = points.strain(vectors)
+        if moved is not None:  # to first order, what the last linear solve found
+            change = points.vectors(moved, group.cells)
+            strain -= 0.5 * np.einsum("mqfi,kfg,mqgi->mqk", change, points.forms, change)
+        resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
+        if positive and moved is None:
+            stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
+            resultants = np.where(stretches, np.maximum(resultants, 0.0), 0.0)
+        weighted = (points.lengths[..., None, None] * stiffness) @ slopes.reshape(*slopes.shape[:3], -1)
+        flat = np.swapaxes(slopes.reshape(*slopes.shape[:3], -1), -1, -2)
+        total += (flat @ weighted).sum(axis=1).reshape(count, a, 3, a, 3).swapaxes(2, 3)
+        turning = np.einsum(
+            "mqk,kfg,mqfa,mqgb->mab", resultants, points.forms, points.maps, points.maps, optimize=True
+        )
+        total += turning[..., None, None] * np.eye(3)
+    return total
+
+
+def rod_stress(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.assembly.cauchy_stress: that of the fibre that is stressed most, with the shear at its place.
+
+    Of clamps and of sections that are given by their stiffness it is what the shape that is drawn would have.
+    """
+    assert isinstance(group.material, Section)
+    line, _ = group.material.scales(p)
+    vectors = group.line.vectors(positions, group.cells)
+    strain = group.line.strain(vectors)
+    reach = group.reach[:, None]
+    bending = np.abs(strain[..., 3:5] * reach).sum(axis=-1)
+    axial = line[:, None, 0] * (strain[..., 0] + np.where(strain[..., 0] < 0.0, -bending, bending))
+    twisting = strain[..., 5] * reach.min(axis=-1)
+    shear = line[:, 1, None] * np.hypot(np.hypot(strain[..., 1], strain[..., 2]), 2.0 * twisting)
+    frame = vectors[..., :2, :] / np.linalg.norm(vectors[..., :2, :], axis=-1, keepdims=True)
+    tangent, across = frame[..., 0, :], frame[..., 1, :]
+    mixed = tangent[..., :, None] * across[..., None, :]
+    return np.asarray(
+        axial[..., None, None] * tangent[..., :, None] * tangent[..., None, :]
+        + shear[..., None, None] * (mixed + np.swapaxes(mixed, -1, -2))
+    )
