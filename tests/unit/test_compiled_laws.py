@@ -53,7 +53,10 @@ def filled(
     group: ElementGroup, p: Array, x: Array, velocities: Array, moved: Array | None, positive: bool,
     mean_share: float, held: Array | None = None,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Forces f - 0.01 K v (n, 3), and the blocks of K (m, a, a, 3, 3), of the compiled cells."""
+    """Forces f - 0.01 K v (n, 3), and the blocks of K (m, a, a, 3, 3), of the compiled cells.
+
+    They have been filled before, with what another solve has moved, as in a step that is done again.
+    """
     from softsim_core.dynamics.numba_backend.batches import cell_batches
     from softsim_core.dynamics.numba_backend.laws import compiled_law, point_cells, tune
     from softsim_core.dynamics.numba_backend.point_cells import Given, Into
@@ -69,6 +72,12 @@ def filled(
     given = Given(x, x[:0] if moved is None else moved, velocities, nothing, positive, 0.01, mean_share, 3.0)
     law = compiled_law(group.material)
     assert law is not None
+    other = np.random.default_rng(5).normal(size=x.shape)
+    law.fill(
+        given._replace(moved=0.001 * other, positive=False),
+        cells,
+        Into(places, np.zeros_like(x), np.zeros(1), np.zeros_like(kept)),
+    )
     law.fill(given, cells, Into(places, forces, np.zeros(1), kept))
     blocks, (first, second) = np.empty((count, a, a, 3, 3)), np.triu_indices(a)
     blocks[:, first, second] = kept.reshape(count, pairs, 3, 3) / 3.0

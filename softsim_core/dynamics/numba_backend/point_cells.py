@@ -124,7 +124,7 @@ class Into(NamedTuple):
 
 @kernel
 def deform(batch: int, given: Given, cells: PointCells) -> None:
-    """Rows 0 to 18 of all points, and the gradients of what moved."""
+    """Rows 0 to 18 of all points, and the gradients of what moved: zero where nothing is given."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
     room = cells.room
     values, points, steps = room.values, room.points, room.steps
@@ -141,6 +141,8 @@ def deform(batch: int, given: Given, cells: PointCells) -> None:
         gather(given.moved, nodes, batch, values)
         for q in range(count):
             put_gradient(values, gradients, place + 3 * q, pitch, a, steps, 9 * q)
+    else:
+        steps[:] = 0.0
 
 
 @kernel
