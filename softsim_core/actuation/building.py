@@ -16,9 +16,6 @@ from softsim_core.mechanics.model import Model
 from softsim_core.mesh import TetMesh, embed
 from softsim_core.units import SHORTENING, JointUnits
 
-OUTSIDE = 0.02
-"""A point of an actuator may lie this far outside its body, in heights of an element."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorDescription:
@@ -85,9 +82,10 @@ class Surroundings:
         Raises:
             SceneError: a point lies outside the body.
         """
-        bound = embed(points, self.meshes[body])
+        mesh = self.meshes[body]
+        bound = embed(points, mesh)
         worst = int(np.argmax(bound.outside))
-        if bound.outside[worst] > OUTSIDE:
+        if bound.outside[worst] > mesh.around:
             raise SceneError(
                 f"{owner}: point {worst} at {points[worst].round(6).tolist()} m lies outside body "
                 f"{body}; move it inside, or check its placement"

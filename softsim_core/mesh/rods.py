@@ -15,6 +15,9 @@ from softsim_core.mesh.types import SurfaceMesh, TetMesh
 NODES = 3
 """Nodes of a cross-section."""
 
+BESIDE = 20.0
+"""How far beside a rod a point may lie that it carries, in heights of the tetrahedra between its nodes."""
+
 _PRISM = np.array([[0, 1, 2, 3], [1, 4, 2, 3], [2, 4, 5, 3]])
 """Tetrahedra between a section, 0 to 2, and the next, 3 to 5."""
 
@@ -55,7 +58,7 @@ class RodMesh:
         """The linear tetrahedra between its nodes, three between two sections, to bind points to."""
         start = NODES * np.arange(len(self.centres) - 1)[:, None, None]
         tets = (start + _PRISM).reshape(-1, 4)
-        return TetMesh(self.points, tets.astype(np.int64), self.name)
+        return TetMesh(self.points, tets.astype(np.int64), self.name, around=BESIDE)
 
 
 def rod_mesh(centres: Array, axes: Array, spread: Array, outlines: Array, name: str = "rod") -> RodMesh:

@@ -18,12 +18,14 @@ class TetMesh:
             oriented or not (the volume is taken absolute).
         name: Where it came from, for messages.
         surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
+        around: How far outside, in heights of a cell, a point may lie that an actuator binds to it.
     """
 
     points: Array
     tets: IndexArray
     name: str = "mesh"
     surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
+    around: float = 0.02
 
     @property
     def order(self) -> int:

@@ -1,0 +1,326 @@
+"""Rods in steps: both implementations, energy, contact, what they hang on, and what drives them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softsim_core.actuation.cable.description import CableDescription
+from softsim_core.arrays import Array
+from softsim_core.errors import MaterialError, MeshError, SceneError
+from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
+from softsim_core.scene.description import (
+    AddedMassDescription,
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    SceneDescription,
+    SolverSettings,
+)
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
+from softsim_core.scene.yaml_loader import load_yaml
+from softsim_core.simulation.simulation import Simulation
+from softsim_core.values import Box, Placement, Sphere, Vector
+
+ROUND = RodSectionDescription(shape="ellipse", size=(0.006, 0.006))
+MATERIAL = MaterialDescription(law="rod", young_modulus=2e6, poisson_ratio=0.4)
+
+
+def rod(name: str, start: Vector, end: Vector, **fields: object) -> BodyDescription:
+    given = {"section": ROUND, "first_axis": (0.3, 0.2, 0.9), "elements": 6, **fields}
+    described = RodDescription(centreline=(start, end), **given)  # type: ignore[arg-type]
+    return BodyDescription(name=name, rod=described, material=MATERIAL, density=1100.0)
+
+
+def at(place: Vector, name: str, body: str, to: str, **fields: object) -> AttachmentDescription:
+    return AttachmentDescription(
+        name=name,
+        body=body,
+        to=to,
+        sphere=Sphere(center=place, radius=1e-6),
+        **fields,  # type: ignore[arg-type]
+    )
+
+
+def two_arms() -> SceneDescription:
+    """Two rods from joints to one free frame that a soft block hangs on, a tendon along one of them."""
+    left, right = (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0)
+    block = box_mesh((0.03, 0.02, 0.02), (3, 2, 2))
+    block = replace(block, points=block.points - block.points.mean(axis=0) + np.array([0.0, 0.0, -0.01]))
+    routing = tuple((x, 0.0, 0.004) for x in np.linspace(-0.09, -0.01, 5).tolist())
+    tendon = CableDescription(body="left", points=routing)
+    return SceneDescription(
+        name="two_arms",
+        bodies=(
+            rod("left", left, (0.0, 0.0, 0.0), start_clamp=RodClampDescription(rotation=(0.05, 0.05, 0.1))),
+            rod("right", right, (0.0, 0.0, 0.0)),
+            BodyDescription(
+                name="block",
+                mesh=block,
+                material=MaterialDescription(young_modulus=5e4, poisson_ratio=0.4),
+                density=1000.0,
+            ),
+        ),
+        joints=(
+            JointDescription(name="first", base=Placement(translation=left)),
+            JointDescription(
+                name="second", kind="prismatic", axis=(0.0, 0.0, 1.0), stiffness=200.0, inertia=1e-3
+            ),
+            JointDescription(name="tendon", kind="cable", actuator=tendon),
+        ),
+        attachments=(
+            at((-0.1001, 0.0, 0.0), "base", "left", "first"),
+            at(right, "slide", "right", "second"),
+            at((0.0, 0.0, 0.0), "middle", "left", "free"),
+            at((0.0, 0.0, 0.0), "other", "right", "middle"),
+            AttachmentDescription(
+                name="top", body="block", to="middle", box=Box(center=(0.0, 0.0, 0.0), size=(0.1, 0.1, 1e-6))
+            ),
+        ),
+        effector="middle",
+    )
+
+
+@pytest.mark.parametrize("integration", ["implicit_euler", "bossak"])
+def test_both_implementations_agree(integration: str) -> None:
+    settings = SolverSettings(time_integration=integration, rayleigh_stiffness=0.01)  # type: ignore[arg-type]
+    scene = replace(two_arms(), solver=settings)
+    fast, readable = (Simulation(scene, backend=each) for each in ("numba", "scipy"))
+    rng = np.random.default_rng(2)
+    command = np.zeros(3)
+    for _ in range(25):
+        command += rng.uniform(-1.0, 1.0, 3) * np.array([0.1, 0.002, 0.0006])
+        for simulation in (fast, readable):
+            simulation.command(command)
+            simulation.step()
+        assert np.abs(fast.positions - readable.positions).max() < 1e-9
+        assert np.abs(fast.joint_efforts - readable.joint_efforts).max() < 1e-6
+    assert np.isfinite(fast.von_mises()).all()
+    assert fast.von_mises() == pytest.approx(readable.von_mises(), rel=1e-6, abs=1e-3)
+
+
+def test_it_comes_to_rest_at_the_equilibrium() -> None:
+    simulation = Simulation(
+        replace(two_arms(), solver=SolverSettings(rayleigh_stiffness=0.02)), backend="scipy"
+    )
+    command = [0.4, 0.01, 0.002]
+    rest = simulation.equilibrium(command).state
+    simulation.command(command)
+    for _ in range(400):
+        simulation.step()
+    assert np.abs(simulation.positions - rest.positions).max() < 1e-7
+    # what its drive holds is the slope of the equilibrium's energy along the joint
+    assert simulation.joint_efforts == pytest.approx(rest.joint_efforts, rel=1e-3, abs=1e-5)
+
+
+def test_what_hangs_on_one_frame_moves_as_one() -> None:
+    simulation = Simulation(two_arms(), backend="scipy")
+    model = simulation.model
+    own = [region.nodes for region in model.regions if region.frame == 0]
+    assert len(own) == 3
+    together = np.concatenate(own)
+    before = np.linalg.norm(model.rest[together[:, None]] - model.rest[together], axis=2)
+    simulation.command([0.5, 0.02, 0.001])
+    for _ in range(20):
+        simulation.step()
+    after = np.linalg.norm(simulation.positions[together[:, None]] - simulation.positions[together], axis=2)
+    assert np.abs(after - before).max() < 1e-12
+    assert np.linalg.norm(simulation.positions[together] - model.rest[together], axis=1).min() > 3e-4
+
+
+def energies(simulation: Simulation) -> tuple[float, float]:
+    """Kinetic and elastic energy in [J]."""
+    from softsim_core.fem.assembly import cell_energy
+
+    model = simulation.model
+    kinetic = 0.5 * float((model.mass[:, None] * simulation.velocities**2).sum())
+    group = model.groups[0]
+    return kinetic, float(
+        cell_energy(group, simulation.positions, group.values(simulation.parameters.materials)).sum()
+    )
+
+
+@pytest.mark.slow
+def test_a_spinning_rod_keeps_its_energy() -> None:
+    """Free in space, turning at 4 rounds per second about an axis across it: 10 000 steps, 40 rounds."""
+    settings = SolverSettings(time_integration="bossak", iterations=3)
+    scene = SceneDescription(
+        name="spinning",
+        dt=1e-3,
+        gravity=(0.0, 0.0, 0.0),
+        solver=settings,
+        bodies=(rod("rod", (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), elements=4),),
+    )
+    simulation = Simulation(scene, backend="numba")
+    spin = 2.0 * math.pi * 4.0
+    simulation.set_body_velocity("rod", angular_velocity=(0.0, 0.0, spin))
+    start = sum(energies(simulation))
+    for _ in range(10_000):
+        simulation.step()
+    kinetic, elastic = energies(simulation)
+    assert kinetic + elastic == pytest.approx(start, rel=0.01)
+    centre = (simulation.model.mass[:, None] * simulation.positions).sum(axis=0) / simulation.model.mass.sum()
+    assert np.linalg.norm(centre) < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_falls_on_a_table_and_lies_there(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    way = rng.standard_normal(3)
+    way *= 0.05 / np.linalg.norm(way)
+    middle = np.array([0.0, 0.0, 0.03 + abs(way[2])])
+    body = rod("rod", tuple((middle - way).tolist()), tuple((middle + way).tolist()), elements=4)
+    scene = SceneDescription(
+        name="fall",
+        dt=0.005,
+        solver=SolverSettings(rayleigh_stiffness=0.005),
+        bodies=(body,),
+        rigid_bodies=(RigidBodyDescription(name="table", shape=Shape(plane=(0.5, 0.5))),),
+        collisions=(
+            CollisionDescription(name="rod", body="rod"),
+            CollisionDescription(name="table", body="table"),
+        ),
+    )
+    simulation = Simulation(scene, backend="numba")
+    lowest = []
+    for _ in range(400):
+        simulation.step()
+        lowest.append(float(simulation.visual_points()[:, 2].min()))
+        assert simulation.report.positive
+    surface = simulation.visual_points()
+    gap = scene.contact.contact_distance
+    assert min(lowest) > 0.0
+    assert surface[:, 2].min() == pytest.approx(gap, abs=5e-5)
+    # it lies on its side: the centre line is half a thickness above the table, all along
+    centres = simulation.positions.reshape(-1, 3, 3).mean(axis=1)
+    assert centres[:, 2] == pytest.approx(np.full(len(centres), 0.003 + gap), abs=2e-4)
+    assert np.linalg.norm(simulation.velocities, axis=1).max() < 0.05
+
+
+def test_a_scene_file_holds_rods(tmp_path: Path) -> None:
+    file = tmp_path / "rod.yaml"
+    file.write_text(
+        """
+name: rod
+bodies:
+  - name: arm
+    rod:
+      centreline: [[0, 0, 0], [0.1, 0, 0]]
+      section: {shape: rectangle, size: [0.004, 0.008], end_size: [0.002, 0.004]}
+      elements: 4
+      start_clamp: {rotation: [0.5, .inf, .inf]}
+    material: {young_modulus: 1.0e+6, poisson_ratio: 0.4}
+    density: 1000
+"""
+    )
+    robot = load_yaml(file)
+    body = robot.scene.bodies[0]
+    assert body.rod is not None
+    assert body.rod.section.end_size == (0.002, 0.004)
+    assert body.material.law == "rod"
+    assert Simulation(robot.scene, backend="scipy").positions.shape == (33, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"mesh": box_mesh((1.0, 1.0, 1.0), (1, 1, 1))}, "exactly one of mesh and rod"),
+        ({"order": 2}, "a rod takes no order"),
+        (
+            {"material": MaterialDescription(law="yeoh", c1=1e4, poisson_ratio=0.49)},
+            "a rod has the law rod",
+        ),
+    ],
+)
+def test_what_a_rod_is_not(change: dict[str, object], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        replace(rod("rod", (0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"centreline": ((0.0, 0.0, 0.0),)}, "two or more points"),
+        ({"centreline": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))}, "none of them twice"),
+        ({"first_axis": (1.0, 0.0, 0.0)}, "first_axis"),
+        ({"elements": 0}, "elements must be >= 1"),
+        ({"length": 0.2}, "as long as its centreline"),
+        ({"end_direction": (1.0, 1.0, 0.0)}, "a direction of length 1"),
+    ],
+)
+def test_rods_that_cannot_be(fields: dict[str, object], sentence: str) -> None:
+    given: dict[str, object] = {"centreline": ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), "section": ROUND}
+
+    def built() -> Simulation:
+        described = RodDescription(**(given | fields))  # type: ignore[arg-type]
+        body = BodyDescription(name="rod", rod=described, material=MATERIAL, density=1.0)
+        return Simulation(SceneDescription(name="rod", bodies=(body,)), backend="scipy")
+
+    with pytest.raises((SceneError, MeshError), match=sentence):
+        built()
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"shape": "rectangle", "size": (0.0, 0.1)}, "size must be > 0 m"),
+        ({"shape": "ellipse", "size": (0.01, 0.01), "wall": 0.006}, "less than half"),
+        ({"shape": "round", "size": (0.01, 0.01)}, "one of rectangle, ellipse"),
+    ],
+)
+def test_sections_that_cannot_be(fields: dict[str, object], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        RodSectionDescription(**fields)  # type: ignore[arg-type]
+
+
+def test_a_clamp_that_cannot_be() -> None:
+    with pytest.raises(SceneError, match="three numbers > 0"):
+        RodClampDescription(rotation=(0.0, 1.0, 1.0))
+
+
+def test_rods_alone_have_their_law() -> None:
+    block = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
+    with pytest.raises(SceneError, match="the law rod is for rods"):
+        BodyDescription(name="block", mesh=block, material=MATERIAL, density=1.0)
+
+
+def test_added_masses_and_regions_take_whole_sections() -> None:
+    body = rod("rod", (0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
+    load = AddedMassDescription(mass=0.3, sphere=Sphere(center=(0.1, 0.0, 0.0), radius=1e-6))
+    plain, loaded = (
+        Simulation(SceneDescription(name="rod", bodies=(each,)), backend="scipy").model.mass
+        for each in (body, replace(body, added_masses=(load,)))
+    )
+    assert loaded - plain == pytest.approx(np.repeat([0.0, 0.1], [len(plain) - 3, 3]))
+
+
+def test_its_surface_follows_it() -> None:
+    simulation = Simulation(two_arms(), backend="scipy")
+    rest = simulation.visual_points()
+    inside = np.linalg.norm(rest[:, 1:], axis=1)[np.abs(rest[:, 0]) > 0.02]
+    assert inside.max() == pytest.approx(0.003, rel=1e-6)
+    simulation.command([0.6, 0.0, 0.0])
+    for _ in range(50):
+        simulation.step()
+    assert not np.allclose(simulation.visual_points(), rest, atol=1e-3)
+
+
+def farthest(one: Array, other: Array) -> float:
+    return float(np.abs(one - other).max())
+
+
+def test_live_tuning_of_its_material() -> None:
+    simulation = Simulation(two_arms(), backend="scipy")
+    before = simulation.equilibrium([0.3, 0.0, 0.0]).state.positions
+    simulation.set_material("left", bend_1_factor=3.0, bend_2_factor=3.0)
+    after = simulation.equilibrium([0.3, 0.0, 0.0]).state.positions
+    assert farthest(before, after) > 3e-4
+    with pytest.raises(MaterialError, match="bend_1_factor"):
+        simulation.set_material("left", bend_1_factor=-1.0)
