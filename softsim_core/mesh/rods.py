@@ -53,6 +53,10 @@ class RodMesh:
         """Where a node is for a region that chooses nodes: the centre of its section, shape (3 k, 3)."""
         return np.repeat(self.centres, NODES, axis=0)
 
+    def end_nodes(self, start: bool) -> IndexArray:
+        """Nodes of the first section, else of the last one, shape (3,)."""
+        return np.arange(NODES) + (0 if start else len(self.points) - NODES)
+
     @property
     def solid(self) -> TetMesh:
         """The linear tetrahedra between its nodes, three between two sections, to bind points to."""

@@ -45,6 +45,7 @@ from softsim_core.mesh.rods import RodMesh, node_triangles, rod_surface
 from softsim_core.scene.actuator_builder import actuators
 from softsim_core.scene.body import Body
 from softsim_core.scene.description import (
+    AddedMassDescription,
     AttachmentDescription,
     JointDescription,
     SceneDescription,
@@ -179,9 +180,7 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
         else:
             mass[body.nodes] = total / own.sum() * own
         for added in description.added_masses:
-            region = added.box or added.sphere
-            assert region is not None  # checked by the description
-            nodes = nodes_in(region, body.region_points) + body.nodes.start
+            nodes = _chosen_nodes(body, added, body.region_points)
             if len(nodes) == 0:
                 raise SceneError(
                     f"body {body.name}: no node of it lies inside the region of an added mass; move or "
@@ -290,9 +289,7 @@ def _assign_nodes(
         if attachment.relative_to is not None:
             base = joints[scene.joint_names.index(attachment.relative_to)]
             points = (points - base.base_position) @ base.base_rotation
-        region = attachment.box or attachment.sphere
-        assert region is not None  # checked by the description
-        nodes = nodes_in(region, points) + body.nodes.start
+        nodes = _chosen_nodes(body, attachment, points)
         if len(nodes) == 0:
             raise SceneError(
                 f"attachment {attachment.name}: no node of body {body.name} lies inside its region; "
@@ -314,6 +311,18 @@ def _assign_nodes(
             region_of_node[nodes] = len(moving)
             moving.append(attachment)
     return region_of_node, spring, moving
+
+
+def _chosen_nodes(
+    body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
+) -> IndexArray:
+    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, or at an end of a rod."""
+    if chosen.end is not None:
+        assert isinstance(body.mesh, RodMesh)  # checked by the description
+        return np.asarray(body.nodes.start + body.mesh.end_nodes(chosen.end == "start"))
+    region = chosen.box or chosen.sphere
+    assert region is not None  # checked by the description
+    return np.asarray(nodes_in(region, points) + body.nodes.start)
 
 
 def _regions(

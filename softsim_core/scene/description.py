@@ -23,7 +23,7 @@ from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
-from softsim_core.scene.rod import RodDescription
+from softsim_core.scene.rod import RodDescription, RodEnd
 from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
     Box,
@@ -47,17 +47,18 @@ class AddedMassDescription:
 
     Attributes:
         mass: In [kg], > 0.
-        box, sphere: The region, exactly one; nodes are chosen once, on the rest shape.
+        box, sphere: The region; nodes are chosen once, on the rest shape.
+        end: Or that end of a rod. Exactly one of the three.
     """
 
     mass: float
     box: Box | None = None
     sphere: Sphere | None = None
+    end: RodEnd | None = None
 
     def __post_init__(self) -> None:
         need_positive("added mass", "mass", self.mass, "kg")
-        if (self.box is None) == (self.sphere is None):
-            raise SceneError("added mass: give exactly one of box and sphere")
+        _need_one_region("added mass", self.box, self.sphere, self.end)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,6 +132,8 @@ class BodyDescription:
         if (self.mesh is None) == (self.rod is None):
             raise SceneError(f"{owner}: give exactly one of mesh and rod")
         if self.rod is None:
+            if any(added.end is not None for added in self.added_masses):
+                raise SceneError(f"{owner}: only a rod has an end; give the added mass a box or a sphere")
             if self.material.law == SECTION.name:
                 raise SceneError(
                     f"{owner}: the law {SECTION.name} is for rods; choose another one, or give a rod"
@@ -245,7 +248,8 @@ class AttachmentDescription:
         body: Name of the body.
         to: "world" (held still), "free" (a rigid frame with six unknowns), the name of a joint, or that of an
             attachment with to = free, whose frame then carries both.
-        box, sphere: The region, exactly one; nodes are chosen once, on the rest shape.
+        box, sphere: The region; nodes are chosen once, on the rest shape, of a rod whole sections.
+        end: Or that end of a rod, beyond its clamp where it has one. Exactly one of the three.
         relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
         frame: Origin in [m] and orientation of a free frame, in world coordinates.
         stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
@@ -256,15 +260,20 @@ class AttachmentDescription:
     to: str
     box: Box | None = None
     sphere: Sphere | None = None
+    end: RodEnd | None = None
     relative_to: str | None = None
     frame: Placement = Placement()
     stiffness: float | None = None
 
     def __post_init__(self) -> None:
-        if (self.box is None) == (self.sphere is None):
-            raise SceneError(f"attachment {self.name}: give exactly one of box and sphere")
+        _need_one_region(f"attachment {self.name}", self.box, self.sphere, self.end)
         if self.stiffness is not None and (self.to != "world" or not 0.0 < self.stiffness < math.inf):
             raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
+
+
+def _need_one_region(owner: str, *given: Box | Sphere | RodEnd | None) -> None:
+    if sum(each is not None for each in given) != 1:
+        raise SceneError(f"{owner}: give exactly one of box, sphere and end")
 
 
 TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]
@@ -452,4 +461,8 @@ class SceneDescription:
         for entry in self.contact.friction_pairs:
             for name in entry.between:
                 known("collision surface or body of contact.friction_pairs", name, touching)
+        rods = [body.name for body in self.bodies if body.rod is not None]
+        for attachment in self.attachments:
+            if attachment.end is not None:
+                known(f"body with an end (a rod) of attachment {attachment.name}", attachment.body, rods)
         known("effector (an attachment with to = free)", self.effector, free)

@@ -13,11 +13,13 @@ from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
 from softsim_core.fem.materials.section import SECTION
 from softsim_core.fem.rods import CIRCLE, RodSections
+from softsim_core.mesh.placement import place, rotation_matrix
 from softsim_core.mesh.rods import RodMesh, along_curve, carried_axes, rod_mesh
-from softsim_core.values import FieldError, Vector, need_finite, need_positive, need_unit
+from softsim_core.values import FieldError, Placement, Vector, need_finite, need_positive, need_unit
 
 SectionShape: TypeAlias = Literal["rectangle", "ellipse"]
 NaturalShape: TypeAlias = Literal["as_drawn", "straight"]
+RodEnd: TypeAlias = Literal["start", "end"]
 
 SHEAR_SHARE = {"rectangle": 5.0 / 6.0, "ellipse": 0.9}
 """Part of the area that carries shear."""
@@ -130,7 +132,8 @@ class RodDescription:
     """A slender body that bends, twists and stretches.
 
     Attributes:
-        centreline: Points in [m], two or more, that its centre begins on; a smooth curve goes through them.
+        centreline: Points, two or more, that its centre begins on; a smooth curve goes through them.
+        placement: Where they and the directions sit in the world; without a scale the points are in [m].
         section: Its cross-section.
         first_axis: Direction that the first axis of the first section is nearest to; from there the axes go
             along the curve without turning about it.
@@ -145,6 +148,7 @@ class RodDescription:
 
     centreline: tuple[Vector, ...]
     section: RodSectionDescription
+    placement: Placement = Placement()
     first_axis: Vector = (0.0, 0.0, 1.0)
     start_direction: Vector | None = None
     end_direction: Vector | None = None
@@ -201,13 +205,14 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
     """
     moduli, holding = (each[0] for each in SECTION.scales(np.array([list(values.values())])))
     count = 2 * rod.elements + 1
-    centres, tangents, drawn = along_curve(
-        np.array(rod.centreline, dtype=float),
-        count,
-        name,
-        (_direction(rod.start_direction), _direction(rod.end_direction)),
-    )
-    axes = carried_axes(tangents, np.array(rod.first_axis, dtype=float), name)
+    turn = rotation_matrix(rod.placement.rotation_deg)
+    ends = [
+        None if each is None else turn @ np.array(each, dtype=float)
+        for each in (rod.start_direction, rod.end_direction)
+    ]
+    points = place(np.array(rod.centreline, dtype=float), rod.placement)
+    centres, tangents, drawn = along_curve(points, count, name, (ends[0], ends[1]))
+    axes = carried_axes(tangents, turn @ np.array(rod.first_axis, dtype=float), name)
     length = rod.length or drawn
     at_points = (np.arange(rod.elements)[:, None] + _GAUSS) / rod.elements
     at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
@@ -240,10 +245,6 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
     spread = _gyration(rod.section, along)[:, None] * CIRCLE
     outlines = 0.5 * _sizes(rod.section, along)[:, None] * _OUTLINES[rod.section.shape]
     return DrawnRod(rod_mesh(centres, axes, spread, outlines, name), sections)
-
-
-def _direction(direction: Vector | None) -> Array | None:
-    return None if direction is None else np.array(direction, dtype=float)
 
 
 def _with_clamp(
