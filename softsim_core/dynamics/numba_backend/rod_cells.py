@@ -137,7 +137,8 @@ def fill_points(
     e_now, e_change, e_rate = np.zeros(strains), np.zeros(strains), np.zeros(strains)
     found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
     b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
-    turning = np.zeros((vectors, vectors))
+    turning, turned_maps = np.zeros((vectors, vectors)), np.zeros((vectors, taking_part))
+    row = np.zeros((3, 3 * taking_part))
     for e in range(len(nodes)):
         for q in range(maps.shape[1]):
             put_vectors(x, nodes, points, e, q, v)
@@ -180,9 +181,12 @@ def fill_points(
             b[:] = 0.0
             for k in range(strains):
                 for f in range(vectors):
-                    for n in range(taking_part):
-                        for i in range(3):
-                            b[k, 3 * n + i] += maps[e, q, f, n] * slopes[k, f, i]
+                    s0, s1, s2 = slopes[k, f, 0], slopes[k, f, 1], slopes[k, f, 2]
+                    if s0 != 0.0 or s1 != 0.0 or s2 != 0.0:
+                        for n in range(taking_part):
+                            b[k, 3 * n] += maps[e, q, f, n] * s0
+                            b[k, 3 * n + 1] += maps[e, q, f, n] * s1
+                            b[k, 3 * n + 2] += maps[e, q, f, n] * s2
             cb[:] = 0.0
             for k in range(strains):
                 for j in range(strains):
@@ -190,20 +194,29 @@ def fill_points(
                     if stiff != 0.0:
                         for c in range(3 * taking_part):
                             cb[k, c] += stiff * b[j, c]
+            for f in range(vectors):
+                for n in range(taking_part):
+                    turned_maps[f, n] = 0.0
+                    for g in range(vectors):
+                        turned_maps[f, n] += turning[f, g] * maps[e, q, g, n]
             for m in range(taking_part):
+                row[:] = 0.0
+                for k in range(strains):
+                    c0, c1, c2 = cb[k, 3 * m], cb[k, 3 * m + 1], cb[k, 3 * m + 2]
+                    for c in range(3 * m, 3 * taking_part):
+                        row[0, c] += c0 * b[k, c]
+                        row[1, c] += c1 * b[k, c]
+                        row[2, c] += c2 * b[k, c]
                 first = members[e, q, m]
+                start = first * a - first * (first - 1) // 2 - first
                 for n in range(m, taking_part):
-                    pair = first * a - first * (first - 1) // 2 + members[e, q, n] - first
+                    pair = start + members[e, q, n]
                     along = 0.0
                     for f in range(vectors):
-                        for g in range(vectors):
-                            along += maps[e, q, f, m] * turning[f, g] * maps[e, q, g, n]
+                        along += maps[e, q, f, m] * turned_maps[f, n]
                     for i in range(3):
                         for j in range(3):
-                            total = 0.0
-                            for k in range(strains):
-                                total += cb[k, 3 * m + i] * b[k, 3 * n + j]
-                            blocks[e, pair, i, j] += total
+                            blocks[e, pair, i, j] += row[i, 3 * n + j]
                         blocks[e, pair, i, i] += along
 
 
