@@ -23,6 +23,7 @@ GROUPS: dict[str, str] = {
     "What is simulated": (
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "
         "LayerDescription FibresDescription AxisDescription "
+        "RodDescription RodSectionDescription LayerOfRodDescription RodClampDescription "
         "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
         "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),

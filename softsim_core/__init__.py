@@ -86,6 +86,12 @@ if TYPE_CHECKING:
     from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
     from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
     from softsim_core.scene.robot import Controller, RobotDescription
+    from softsim_core.scene.rod import (
+        LayerOfRodDescription,
+        RodClampDescription,
+        RodDescription,
+        RodSectionDescription,
+    )
     from softsim_core.scene.running import RunningSimulation
     from softsim_core.scene.scene import Part, Scene, animated
     from softsim_core.scene.view import Camera, ViewSettings
@@ -132,6 +138,7 @@ __all__ = [
     "JointTrajectory",
     "KeyBinding",
     "LayerDescription",
+    "LayerOfRodDescription",
     "MaterialDescription",
     "MaterialError",
     "MeshError",
@@ -148,6 +155,9 @@ __all__ = [
     "PositionTask",
     "RigidBodyDescription",
     "RobotDescription",
+    "RodClampDescription",
+    "RodDescription",
+    "RodSectionDescription",
     "RunningSimulation",
     "Scene",
     "SceneDescription",
@@ -243,6 +253,9 @@ _NAMES = {
     "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",
     "softsim_core.scene.reinforcement": "AxisDescription FibresDescription LayerDescription",
     "softsim_core.scene.robot": "Controller RobotDescription",
+    "softsim_core.scene.rod": (
+        "LayerOfRodDescription RodClampDescription RodDescription RodSectionDescription"
+    ),
     "softsim_core.scene.running": "RunningSimulation",
     "softsim_core.scene.scene": "Part Scene animated",
     "softsim_core.scene.view": "Camera ViewSettings",

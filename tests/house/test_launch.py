@@ -30,7 +30,7 @@ from softsim_ros.launch_plan import Plan, Wishes, board_link, plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BRINGUP = REPOSITORY / "ros2_ws" / "src" / "softsim_bringup"
-ROBOTS = ["tripod", "cable_gripper", "pneu_finger", "pneu_arm"]
+ROBOTS = ["tripod", "cable_gripper", "pneu_finger", "pneu_arm", "emio"]
 
 
 def started(planned: Plan) -> list[str]:
