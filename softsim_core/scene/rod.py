@@ -184,6 +184,13 @@ class RodDescription:
                 )
 
 
+    def end_place(self, start: bool) -> tuple[float, float, float]:
+        """Where its start or its end begins in the world in [m], without a clamp."""
+        point = np.array([self.centreline[0 if start else -1]], dtype=float)
+        x, y, z = place(point, self.placement)[0].tolist()
+        return x, y, z
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnRod:
     """A rod compiled: where its sections begin, and how stiff they are."""

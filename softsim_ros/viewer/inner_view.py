@@ -176,9 +176,13 @@ class InnerView:
         box, sphere = attachment.box, attachment.sphere
         if box is not None:
             lines = box_lines(box.center, box.size, box.rotation_deg)
-        else:
-            assert sphere is not None  # a description has exactly one
+        elif sphere is not None:
             lines = sphere_lines(sphere.center, sphere.radius)
+        else:
+            rod = next(each.rod for each in self._robot.scene.bodies if each.name == attachment.body)
+            assert rod is not None  # a description has a region, or an end of a rod
+            place = rod.end_place(attachment.end == "start")
+            lines = sphere_lines((place[0], place[1], place[2]), 0.6 * max(rod.section.size))
         parent = f"/frames/{attachment.relative_to}" if attachment.relative_to else ""
         return self._scene.add_line_segments(
             f"{parent}/box_{attachment.name}", (MM * lines).astype(np.float32), (201, 42, 42), thickness=0.4
