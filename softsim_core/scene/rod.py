@@ -183,7 +183,6 @@ class RodDescription:
                     "remove length, or set natural to straight"
                 )
 
-
     def end_place(self, start: bool) -> tuple[float, float, float]:
         """Where its start or its end begins in the world in [m], without a clamp."""
         point = np.array([self.centreline[0 if start else -1]], dtype=float)
