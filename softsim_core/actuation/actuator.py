@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -71,10 +71,11 @@ class ActuatorView:
     Attributes:
         name: Name of its joint.
         kind: Name of its kind, such as "cable".
-        points: The line that shows it in [m], world axes, shape (k, 3); without points it is not drawn.
+        points: The line that shows it in [m], world axes, shape (k, 3); without points none is drawn.
         value: Its coordinate s, in [m] for a cable.
         multiplier: What it acts with, in [N] for a cable.
         pulled_from_outside: Whether the first point lies outside the body, where the actuator starts.
+        surface: Corners of the triangles that show it in [m], world axes, shape (m, 3, 3).
     """
 
     name: str
@@ -83,6 +84,7 @@ class ActuatorView:
     value: float
     multiplier: float
     pulled_from_outside: bool = False
+    surface: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
 class Actuator(ABC):

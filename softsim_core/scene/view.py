@@ -40,6 +40,7 @@ class ViewSettings:
         arms: Servos and their arms.
         labels: Names of the servos.
         cables: Cables, their points and pull points.
+        chambers: Pressure chambers; they are seen through bodies whose colour has an alpha below 1.
         contacts: Contacts and their forces.
         rigid: Rigid bodies.
         collisions: Surfaces that contact looks at.
@@ -64,6 +65,7 @@ class ViewSettings:
     arms: bool = True
     labels: bool = True
     cables: bool = True
+    chambers: bool = True
     contacts: bool = True
     rigid: bool = True
     collisions: bool = False

@@ -1,4 +1,4 @@
-"""What RViz shows of a robot: its description, silicone, stress, cables, contacts, collisions, goal.
+"""What RViz shows of a robot: its description, bodies, stress, cables, chambers, contacts, collisions, goal.
 
 Topics are relative: RViz runs in the robot's namespace.
 """
@@ -49,6 +49,7 @@ SHOWN: Final = (
         "mesh/points", "sensor_msgs/msg/PointCloud2", "PointCloud2", "Stress", enabled=False, options=_CLOUD
     ),
     Shown("cables", _MARKERS, "MarkerArray", "Cables"),
+    Shown("chambers", _MARKERS, "MarkerArray", "Pressure chambers"),
     Shown("bodies/topology", _MARKERS, "MarkerArray", "Rigid bodies", latched=True),
     Shown("contacts", _MARKERS, "MarkerArray", "Contacts"),
     Shown("collisions", _MARKERS, "MarkerArray", "Collision surfaces", enabled=False),

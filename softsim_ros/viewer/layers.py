@@ -18,6 +18,7 @@ LAYERS: Final[Mapping[str, str]] = {
     "arms": "Servo arms",
     "labels": "Labels",
     "cables": "Cables",
+    "chambers": "Pressure chambers",
     "contacts": "Contacts and forces",
     "rigid": "Rigid bodies",
     "collisions": "Collision surfaces",

@@ -1,4 +1,4 @@
-"""Marker arrays of the simulator in the page: cables, contacts, rigid bodies."""
+"""Marker arrays of the simulator in the page: cables, chambers, contacts, rigid bodies."""
 
 from __future__ import annotations
 
@@ -37,6 +37,12 @@ def marker_colour(marker: Marker) -> tuple[int, int, int]:
     return round(255 * colour.r), round(255 * colour.g), round(255 * colour.b)
 
 
+def marker_opacity(marker: Marker) -> float | None:
+    """Opacity in 0..1 of a marker that one sees through; None of any other."""
+    alpha = marker.color.a
+    return alpha if 0.0 < alpha < 1.0 else None
+
+
 def node_name(name: str) -> str:
     """A name of others as part of one in viser's tree: itself where it is plain, else its CRC-32."""
     plain = re.fullmatch(rf"[\w -]{{0,{LONGEST_NODE_NAME}}}", name)
@@ -51,6 +57,8 @@ class MarkerView:
         name: Where in the tree they go, such as "cables".
         part_of: From a marker's name and number, the part of the scene that it draws.
         wireframe: Whether triangles and spheres are drawn as wire frames.
+        offset: By how much in [mm] triangles are drawn before where they are, the way they face: what lies on
+            the wall of a body would flicker through it.
     """
 
     def __init__(
@@ -60,9 +68,10 @@ class MarkerView:
         *,
         part_of: Callable[[str, int], str] = lambda name, number: "",
         wireframe: bool = False,
+        offset: float = 0.0,
     ) -> None:
         self._scene, self._name = scene, name
-        self._part_of, self._wireframe = part_of, wireframe
+        self._part_of, self._wireframe, self._offset = part_of, wireframe, offset
         self._visible, self._hidden = True, frozenset[str]()
         self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
 
@@ -95,6 +104,8 @@ class MarkerView:
             points = np.stack([points[:-1], points[1:]], axis=1)
         elif marker.type == Marker.LINE_LIST:
             points = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
+        elif marker.type == Marker.TRIANGLE_LIST and self._offset:
+            points = points + np.float32(self._offset) * facing(points)
         if not len(points):
             return False
         kind, handle = self._drawn.get(key, (-1, None))
@@ -113,7 +124,13 @@ class MarkerView:
             return self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
         if marker.type == Marker.TRIANGLE_LIST:
             return self._scene.add_mesh_simple(
-                name, points, corner_faces(points), color=colour, wireframe=self._wireframe
+                name,
+                points,
+                corner_faces(points),
+                color=colour,
+                opacity=marker_opacity(marker),
+                wireframe=self._wireframe,
+                side="double",
             )
         if marker.type == Marker.SPHERE:
             return self._scene.add_icosphere(
@@ -129,14 +146,24 @@ def corner_faces(corners: NDArray[np.float32]) -> NDArray[np.uint32]:
     return np.arange(len(corners) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
 
 
+def facing(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit vectors in which triangles face, one a corner, by a list of their corners, shapes (3 k, 3)."""
+    a, b, c = np.moveaxis(corners.reshape(-1, 3, 3), 1, 0)
+    ways = np.cross(b - a, c - a)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+    return np.repeat(ways, 3, axis=0)
+
+
 def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
-    """Move what is drawn; False where it has another number of corners."""
+    """Move what is drawn, triangles in their new colour; False where it has another number of corners."""
     if marker.type == Marker.SPHERE:
         handle.position = points[0]
     elif marker.type != Marker.TRIANGLE_LIST:
         handle.points = points
     elif len(handle.vertices) == len(points):
         handle.vertices = points
+        if handle.color != (colour := marker_colour(marker)):
+            handle.color = colour
     else:
         return False
     return True
@@ -186,7 +213,6 @@ class RigidView:
 
     def _make(self, node: str, marker: Marker) -> tuple[Any, Any]:
         """Frame and surface of a body, under a name in viser's tree."""
-        alpha = marker.color.a
         vertices = marker_points(marker)
         length = min(1.3 * float(np.abs(vertices).max(initial=0.0)), LONGEST_AXES_MM)
         frame = self._scene.add_frame(
@@ -197,7 +223,7 @@ class RigidView:
             vertices,
             corner_faces(vertices),
             color=marker_colour(marker),
-            opacity=alpha if 0.0 < alpha < 1.0 else None,
+            opacity=marker_opacity(marker),
             flat_shading=True,
             side="double",
         )

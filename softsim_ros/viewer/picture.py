@@ -41,7 +41,8 @@ class Picture:
     """Subscribes to what is drawn and keeps a stage up to date.
 
     Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `frames`, `cables`,
-    `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` while something shows them.
+    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` while something
+    shows them.
 
     Args:
         node: The node whose executor delivers the messages.
@@ -100,6 +101,7 @@ class Picture:
         subscribe(PointCloud2, "mesh/points", self._on_points, NEWEST_ONLY)
         subscribe(PoseArray, "frames", self._on_frames, NEWEST_ONLY)
         subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "chambers", lambda message: self.stage.chambers.update(message), NEWEST_ONLY)
         subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), NEWEST_ONLY)
         subscribe(MarkerArray, "bodies/topology", self._on_rigid, LATCHED)
         subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), NEWEST_ONLY)

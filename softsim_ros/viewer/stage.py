@@ -28,6 +28,9 @@ BACKGROUND: Final = (222, 228, 235)
 FLOOR_MM: Final = -20.0
 """Height of the grid; where bodies hang below z = 0, it lies as far below their lowest point at rest."""
 
+HOLLOW_OFFSET_MM: Final = 0.2
+"""Hollows are drawn so much larger, to hide the walls of the bodies around them."""
+
 GOAL_HOLD_S: Final = 1.0
 """After it was dragged the goal handle stays this long, in [s], before it follows the goals of others."""
 
@@ -83,6 +86,9 @@ class Stage:
         self.inner = InnerView(scene, robot, frames)
         cables = dict(enumerate(joint.name for joint in robot.joints if not joint.moves_frame))
         self.cables = MarkerView(scene, "cables", part_of=lambda _, number: f"joints/{cables.get(number)}")
+        self.chambers = MarkerView(
+            scene, "chambers", part_of=lambda name, _: f"joints/{name}", offset=HOLLOW_OFFSET_MM
+        )
         self.contacts = MarkerView(scene, "contacts")
         self.collisions = CollisionView(scene)
         self.rigid = RigidView(scene)
@@ -112,6 +118,7 @@ class Stage:
         self.normals.switch(view.normals and view.bodies)
         self.inner.obey(view)
         self.cables.switch(view.cables, view.hidden)
+        self.chambers.switch(view.chambers, view.hidden)
         self.contacts.switch(view.contacts)
         self.collisions.obey(view)
         self.rigid.switch(view.rigid, axes=view.frames, hidden=view.hidden)

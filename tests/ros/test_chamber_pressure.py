@@ -52,7 +52,7 @@ def cube(start_robot: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
 def offered(robot: Any) -> dict[str, list[str]]:
     """Types of what the simulator publishes about chambers, by topic."""
     found = robot.client.offered("simulator", "/tripod").items()
-    return {topic: types for topic, types in found if "chambers" in topic or TYPE in types}
+    return {topic: types for topic, types in found if "chambers/" in topic or TYPE in types}
 
 
 def by_stamp(messages: list[Any]) -> dict[tuple[int, int], Any]:

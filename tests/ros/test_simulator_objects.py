@@ -1,4 +1,4 @@
-"""Rigid bodies, cables, contacts and pulls of the simulator: messages, and a pull across processes."""
+"""Rigid bodies, cables, chambers, contacts and pulls: messages, and a pull across processes."""
 
 from __future__ import annotations
 
@@ -24,9 +24,12 @@ from softsim_ros.simulator.objects import (  # noqa: E402
     bodies_topology,
     cable_markers,
     cable_places,
+    chamber_markers,
+    chamber_places,
     collision_markers,
     collision_places,
     contact_markers,
+    pressure_colour,
 )
 from softsim_ros.simulator.pulls import limited_force, pulled_nodes  # noqa: E402
 
@@ -56,6 +59,39 @@ def test_cables_are_lines_points_and_pull_points() -> None:
     assert line.header.frame_id == "world"
     assert line.header.stamp.sec == 3
     assert len(cable_markers(Simulation(load_scene("gripper_step_3")), Time()).markers) == 2
+
+
+def inside(points: Any) -> float:
+    """Volume in [m^3] that triangles of points pointing out of it go around."""
+    a, b, c = np.moveaxis(rows(points).reshape(-1, 3, 3), 1, 0)
+    return float(np.einsum("ki,ki->", a, np.cross(b, c)) / 6.0)
+
+
+def test_a_chamber_is_its_closed_hollow_in_the_colour_of_its_pressure() -> None:
+    simulation = Simulation(load_scene("pneu_arm"))
+    start = inside(chamber_markers(simulation, Time()).markers[0].points)
+    simulation.settle([4.0e-6, 0.0, 0.0])
+    hollows = chamber_markers(simulation, Time(sec=3)).markers
+    assert [(each.ns, each.id, each.type) for each in hollows] == [
+        (f"air_{number}", number, Marker.TRIANGLE_LIST) for number in range(3)
+    ]
+    full, other = hollows[:2]
+    assert (full.header.frame_id, full.header.stamp.sec) == ("world", 3)
+    assert inside(full.points) - start == pytest.approx(
+        4.0e-6, rel=0.1
+    )  # curved faces as four triangles each
+    assert simulation.joint_positions[0] == pytest.approx(4.0e-6, abs=1e-12)
+    assert full.color.r - full.color.b > 0.1 > other.color.r - other.color.b
+    assert chamber_markers(Simulation(load_scene("tripod")), Time()).markers == []
+
+
+def test_colours_of_pressures_go_from_light_to_their_limits() -> None:
+    light, red, blue = (pressure_colour(each, -1e4, 5e4) for each in (0.0, 5e4, -1e4))
+    assert light.min() > 0.9
+    np.testing.assert_allclose(pressure_colour(2.5e4, -1e4, 5e4), 0.5 * (light + red))
+    np.testing.assert_allclose(pressure_colour(-2e4, -1e4, 5e4), blue)
+    np.testing.assert_allclose(pressure_colour(9e9, -1e4, 5e4), red)
+    np.testing.assert_allclose(pressure_colour(-1.0, 0.0, 5e4), light)
 
 
 def test_contact_forces_carry_the_cube() -> None:
@@ -88,16 +124,18 @@ def test_collision_surfaces_are_triangles_and_spheres_in_the_world() -> None:
     assert collision_markers(Simulation(load_scene("tripod")), Time()).markers == []
 
 
-@pytest.mark.parametrize("scene", ["tripod_ball", "cable_gripper", "tripod"])
+@pytest.mark.parametrize("scene", ["tripod_ball", "cable_gripper", "tripod", "pneu_finger"])
 def test_moving_markers_are_those_built_from_objects(scene: str) -> None:
     simulation = Simulation(load_scene(scene))
     cables = messages.MovingMarkers(cable_markers(simulation, Time()).markers)
     surfaces = messages.MovingMarkers(collision_markers(simulation, Time()).markers)
+    chambers = messages.MovingMarkers(chamber_markers(simulation, Time()).markers)
     for _ in range(5):
         simulation.step()
     now = Time(sec=7, nanosec=8)
     for data, built in (
         (cables.fill(now, cable_places(simulation)), cable_markers(simulation, now)),
+        (chambers.fill(now, *chamber_places(simulation)), chamber_markers(simulation, now)),
         (surfaces.fill(now, collision_places(simulation)), collision_markers(simulation, now)),
     ):
         sent = deserialize_message(serialize_message(built), MarkerArray)  # colours become float32

@@ -1,21 +1,27 @@
-"""The pneumatic finger's page: what is in its body is tuned there, and its air is told in ml."""
+"""The pneumatic finger's page: its body is tuned there, its air told in ml, its chambers are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from browser_page import BrowserPage
+from browser_page import NODES, BrowserPage
 from sensor_msgs.msg import JointState
 
-from softsim_core import load_scene
+from softsim_core import Simulation, load_scene
+from softsim_ros.viewer.marker_view import facing
+from softsim_ros.viewer.stage import HOLLOW_OFFSET_MM
+from softsim_ros.viewer.surface import MM
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+HOLLOW = "/chambers/air_0"
 
 
 @pytest.fixture(scope="module")
@@ -74,4 +80,32 @@ def test_the_air_is_commanded_in_ml(
     page.tab("Plots")
     for title in ("Joint positions [ml]", "Efforts [Pa]"):
         page.page.get_by_text(title).wait_for(state="visible")
+    assert page.errors == []
+
+
+def volume(corners: np.ndarray) -> float:
+    """What triangles that point outward go around, shape (k, 3, 3)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return float(np.einsum("ki,ki->", a, np.cross(b, c)) / 6.0)
+
+
+def test_the_hollow_is_drawn_grows_with_its_air_and_is_switched(
+    station: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
+) -> None:
+    robot, _ = station
+    page.wait_for_node(HOLLOW)
+    corners = MM * Simulation(load_scene("pneu_finger"), "scipy").actuators[0].surface.reshape(-1, 3)
+    rest = 1e-3 * volume((corners + HOLLOW_OFFSET_MM * facing(corners)).reshape(-1, 3, 3))
+
+    def grown() -> float:
+        """By how much the hollow on the screen is larger than at rest, in [ml]."""
+        return 1e-3 * volume(np.array(page.vertices(HOLLOW)).reshape(-1, 3, 3)) - rest
+
+    for air in (0.0, 0.8):
+        robot.command([1e-6 * air])
+        assert spin_until(lambda air=air: grown() == pytest.approx(air, abs=0.1)), grown()
+    page.tab("View")
+    for shown in ("!", ""):
+        page.tick("Pressure chambers")
+        page.page.wait_for_function(f"{shown}{NODES}['{HOLLOW}'].visible")
     assert page.errors == []

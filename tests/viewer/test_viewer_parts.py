@@ -219,6 +219,26 @@ def test_collision_surfaces_are_wire_frames_that_move_and_hide() -> None:
     assert canvas.drawn["/collisions/wall_0"].removed
 
 
+def test_triangles_take_the_colour_of_each_message_and_are_seen_through_by_their_alpha() -> None:
+    canvas = Canvas()
+    view = MarkerView(canvas, "chambers", part_of=lambda name, _: f"joints/{name}")
+    hollow = marker(Marker.TRIANGLE_LIST, "air", [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0)])
+    view.update(MarkerArray(markers=[hollow]))
+    drawn = canvas.drawn["/chambers/air_0"]
+    assert (drawn.color, drawn.opacity, drawn.side) == ((255, 0, 0), None, "double")
+    hollow.color.b = 1.0
+    view.update(MarkerArray(markers=[hollow]))
+    assert drawn.color == (255, 0, 255)
+    view.switch(True, hidden=["joints/air"])
+    assert not drawn.visible
+    hollow.color.a = 0.4
+    before = MarkerView(canvas, "before", offset=0.5)
+    before.update(MarkerArray(markers=[hollow]))
+    drawn = canvas.drawn["/before/air_0"]
+    assert drawn.opacity == pytest.approx(0.4)
+    np.testing.assert_allclose(drawn.vertices, [(0, 0, 0.5), (10, 0, 0.5), (0, 10, 0.5)])
+
+
 def test_rigid_bodies_obey_switches_that_came_before_them() -> None:
     canvas = Canvas()
     view = RigidView(canvas)

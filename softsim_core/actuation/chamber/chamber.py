@@ -26,7 +26,13 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.actuation.actuator import Actuator, GeometricStiffness, Transmission, no_geometric_stiffness
+from softsim_core.actuation.actuator import (
+    Actuator,
+    ActuatorView,
+    GeometricStiffness,
+    Transmission,
+    no_geometric_stiffness,
+)
 from softsim_core.actuation.building import Placed, Surroundings, plain_kind
 from softsim_core.actuation.chamber.description import ChamberDescription
 from softsim_core.actuation.chamber.hollow import hollow_of
@@ -39,6 +45,8 @@ from softsim_core.mechanics.state import State
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _WEAK = 1e-9
 """Parts of the stiffness below this share of the largest are left out."""
+_PLAIN = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+"""The plain triangles that show a face, by how many nodes it has."""
 REACHED = 1e-9
 """A pressure this near to another, as a part of the atmosphere's, has reached it."""
 
@@ -178,6 +186,13 @@ class Chamber(Actuator):
         """See Actuator: -p d2V/dx2 of each face."""
         v = np.tensordot(self._corners(state), self._twist, axes=(1, 2)).transpose(0, 2, 3, 1)
         return np.asarray(-multiplier * _crossed(v))
+
+    def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
+        """See Actuator: the hollow as plain triangles, four for a quadratic face."""
+        places = state.positions[self.place]
+        drawn = self.faces[:, _PLAIN[self.faces.shape[1]]].reshape(-1, 3)
+        value = self.value(model, state)
+        return ActuatorView(self.name, self.kind, np.zeros((0, 3)), value, multiplier, surface=places[drawn])
 
     def _corners(self, state: State) -> Array:
         """Places of the nodes of all faces from the middle, shape (m, a, 3)."""
