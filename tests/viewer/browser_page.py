@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import time
 from typing import Any
 
 from headless_browser import NOTHING_IS_DRAWN
@@ -39,6 +41,7 @@ class BrowserPage:
     ) -> None:
         self.requests: list[str] = []
         self.errors: list[str] = []
+        self.connection: list[str] = []  # when it was there and gone, and why
         self.context = browser.new_context(viewport={"width": width, "height": height})
         if not draws:
             self.context.add_init_script(NOTHING_IS_DRAWN)
@@ -46,7 +49,12 @@ class BrowserPage:
         self.page.set_default_timeout(WAIT_MS)
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda message: self._note(message.text))
         self.page.goto(address)
+
+    def _note(self, line: str) -> None:
+        if re.match("Connect|Disconnected", line):
+            self.connection.append(f"{time.strftime('%H:%M:%S')} {line}")
 
     def wait_for_node(self, name: str) -> None:
         """Wait until a node of the 3-D scene is there."""
@@ -66,7 +74,11 @@ class BrowserPage:
         return float(x), float(y)
 
     def tab(self, name: str) -> None:
-        self.page.get_by_role("tab", name=name, exact=True).click()
+        """Choose a tab. While the page has lost its connection, nothing in the panel can be clicked."""
+        try:
+            self.page.get_by_role("tab", name=name, exact=True).click()
+        except Exception as error:
+            raise AssertionError(f"{error}\n\nthe page's connection: {self.connection}") from error
 
     def click(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).click()
