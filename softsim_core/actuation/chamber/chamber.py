@@ -22,6 +22,7 @@ continuum mechanics for finite element analysis, 8.5.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -49,6 +50,14 @@ _PLAIN = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
 """The plain triangles that show a face, by how many nodes it has."""
 REACHED = 1e-9
 """A pressure this near to another, as a part of the atmosphere's, has reached it."""
+
+
+class _Measured(NamedTuple):
+    """Volume in [m^3] and its slopes in [m^2], shape (k, 3), at places of the nodes in [m], shape (k, 3)."""
+
+    places: Array
+    volume: float
+    row: Array
 
 
 class Chamber(Actuator):
@@ -84,6 +93,7 @@ class Chamber(Actuator):
         self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
         self._middle = rest.mean(axis=0)
+        self._known = _Measured(np.full(rest.shape, np.nan), 0.0, rest)
         self._at_rest = self._volume((rest - self._middle)[self.faces])
         self.rest_volume = self._at_rest + self._volume(lids - self._middle)
         self.line = _line(described, self.rest_volume)
@@ -96,11 +106,11 @@ class Chamber(Actuator):
 
     def value(self, model: Model, state: State) -> float:
         """By how much the volume has grown, in [m^3]."""
-        return self._volume(self._corners(state)) - self._at_rest
+        return self._measured(state).volume - self._at_rest
 
     def row(self, model: Model, state: State) -> Array:
         """DV/dx in [m^2], shape (k, 3)."""
-        return np.asarray(self._spread @ self._slopes(self._corners(state)).reshape(-1, 3))
+        return self._measured(state).row
 
     def transmission(self, command: float, multiplier: float) -> Transmission:
         """See Actuator; where nothing pumps for good, a line that leaks is empty at rest."""
@@ -184,8 +194,8 @@ class Chamber(Actuator):
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
         """See Actuator: -p d2V/dx2 of each face."""
-        v = np.tensordot(self._corners(state), self._twist, axes=(1, 2)).transpose(0, 2, 3, 1)
-        return np.asarray(-multiplier * _crossed(v))
+        v = np.tensordot(-multiplier * self._corners(state), self._twist, axes=(1, 2))
+        return _crossed(v.transpose(0, 2, 3, 1))
 
     def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
         """See Actuator: the hollow as plain triangles, four for a quadratic face."""
@@ -193,6 +203,17 @@ class Chamber(Actuator):
         drawn = self.faces[:, _PLAIN[self.faces.shape[1]]].reshape(-1, 3)
         value = self.value(model, state)
         return ActuatorView(self.name, self.kind, np.zeros((0, 3)), value, multiplier, surface=places[drawn])
+
+    def _measured(self, state: State) -> _Measured:
+        """What it has at a state; a step asks several times for the same one."""
+        places = state.positions[self.place]
+        if not np.array_equal(places, self._known.places):
+            corners = (places - self._middle)[self.faces]
+            slopes = self._slopes(corners)
+            row = np.asarray(self._spread @ slopes.reshape(-1, 3))
+            row.flags.writeable = False
+            self._known = _Measured(places, float((corners * slopes).sum() / 3.0), row)
+        return self._known
 
     def _corners(self, state: State) -> Array:
         """Places of the nodes of all faces from the middle, shape (m, a, 3)."""

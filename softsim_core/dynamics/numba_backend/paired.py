@@ -1,4 +1,4 @@
-"""What is added pair by pair of nodes: cells of compiled laws by kernels; other cells, faces from NumPy."""
+"""What is added pair by pair of nodes: compiled laws, and faces, by kernels; other cells in NumPy."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from softsim_core.dynamics.numba_backend.batches import cell_batches, count_fold
 from softsim_core.dynamics.numba_backend.laws import compiled_law, point_cells, tune
 from softsim_core.dynamics.numba_backend.layout import Nodes
 from softsim_core.dynamics.numba_backend.point_cells import Given, Into, PointCells
+from softsim_core.dynamics.numba_backend.pressing import PressedFaces, press_faces
 from softsim_core.dynamics.numba_backend.rod_cells import fill_rods, rod_cells, tune_rods
 from softsim_core.dynamics.numba_backend.scatter import (
     add_all_blocks,
@@ -74,16 +75,18 @@ class PairedCells:
             law = compiled_law(group.material)
             self._points.append(None if law is None else point_cells(group, cells, memory))
             self._fill_points.append(None if law is None else OneSignature(law.fill))
-        self._surfaces = [
-            _Surface(faces, *elimination_order(faces, nodes, local, layout)) for faces in surfaces
-        ]
-        self._coupled = [_Surface(each, *elimination_order(each, nodes, local, layout)) for each in coupled]
+        self._surfaces, self._coupled = (
+            [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
+            for kind in (surfaces, coupled)
+        )
+        self._pressed = [each.pressed() for each in self._surfaces]
         further = [each.cells for each in (*self._surfaces, *self._coupled)]
         all_cells = [group.cells for group in self._groups] + further
         self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
         self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
         self._panels = panels
         self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
+        self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def __bool__(self) -> bool:
@@ -178,9 +181,11 @@ class PairedCells:
             scale: What the stiffness is multiplied by.
         """
         forces = np.zeros_like(velocities)
-        for k, (surface, of_faces) in enumerate(zip(self._surfaces, stiffness, strict=True)):
-            np.add.at(forces, surface.faces, -lag * _forces(of_faces, velocities, surface))
-            self._add(len(self._groups) + k, scale * of_faces[surface.taken])
+        first = len(self._groups)
+        for k, (surface, of_faces) in enumerate(zip(self._pressed, stiffness, strict=True)):
+            blocks = np.ascontiguousarray(of_faces)
+            self._press_faces[k](blocks, surface, velocities, float(lag), float(scale), forces)
+            self._add_all_blocks(surface.blocks, self._places[first + k], self._panels, self.pairs.blocks)
         return forces
 
     def couple(self, masses: Sequence[Array], scale: float) -> None:
@@ -204,7 +209,7 @@ class PairedCells:
         )
 
 
-class _Surface:
+class _Further:
     """Faces that an actuator presses on, or cells whose mass is not lumped.
 
     Args:
@@ -213,19 +218,17 @@ class _Surface:
         inside: And then the nodes of each, shape (m, a).
 
     Attributes:
-        faces: As given.
         cells: Their nodes in that order.
         taken: What of blocks (m, a, a, 3, 3) of the faces as given belongs to the pairs of `cells`.
     """
 
     def __init__(self, faces: IndexArray, order: IndexArray, inside: IndexArray) -> None:
         first, second = np.triu_indices(faces.shape[1])
-        self.faces, self.cells = faces, np.take_along_axis(faces[order], inside, axis=1)
+        self.cells = np.take_along_axis(faces[order], inside, axis=1)
         self.taken = order[:, None], inside[:, first], inside[:, second]
+        self._given = faces, order, inside
 
-
-def _forces(stiffness: Array, velocities: Array, surface: _Surface) -> Array:
-    """K v of the faces from their blocks (m, a, a, 3, 3), shape (m, a, 3)."""
-    count, nodes = surface.faces.shape
-    square = stiffness.swapaxes(2, 3).reshape(count, 3 * nodes, 3 * nodes)
-    return np.asarray(square @ velocities[surface.faces].reshape(count, -1, 1)).reshape(count, nodes, 3)
+    def pressed(self) -> PressedFaces:
+        """What the kernel needs of faces."""
+        faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._given)
+        return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
