@@ -42,11 +42,17 @@ class Right(NamedTuple):
     name: str
 
 
+ACTION = "joint_trajectory_controller/follow_joint_trajectory/_action"
 ELSEWHERE = {
-    Right("simulator", "simulator", "publish", "/tf"),
-    Right("simulator", "simulator", "publish", "/tf_static"),
+    Right("simulator", "simulator", verb, name)
+    for verb, names in {
+        "publish": ("/tf", "/tf_static", f"{ACTION}/feedback", f"{ACTION}/status"),
+        "subscribe": ("servo_bridge/e_stop_latched",),
+        "reply": (f"{ACTION}/send_goal", f"{ACTION}/cancel_goal", f"{ACTION}/get_result"),
+    }.items()
+    for name in names
 }
-"""Declared where tf2_msgs is installed."""
+"""Declared where the optional message packages are installed, see softsim_ros.optional_messages."""
 
 EVERYTHING = {"recorder"}
 """Executables that hear all topics of their namespace, and those that all robots share."""

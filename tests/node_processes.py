@@ -237,6 +237,16 @@ class Client:
             threading.Event().wait(NEWS_S)
         return self._clients[name]
 
+    def action(self, action_type: Any, name: str) -> Any:
+        """A client of an action that is there, whose process has found this one."""
+        from rclpy.action import ActionClient
+
+        client = ActionClient(self.node, action_type, name)
+        assert client.wait_for_server(DEADLINE_S), f"no action {name}{self._written}"
+        self._introductions.wait(f"{self.node.resolve_service_name(name)}/_action/send_goal")
+        threading.Event().wait(NEWS_S)
+        return client
+
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
         """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
         return self._introductions.offered(node, namespace, services=services)

@@ -122,23 +122,32 @@ class JointTrajectory:
                 f"{command.size} start positions do not fit {len(names)} joints ({listing(names)})"
             )
         moved = [names.index(name) for name in self.joints]
-        command[moved] = self._between(time, command[moved])
+        command[moved], _ = self.between(time, command[moved])
         return command
 
-    def _between(self, time: float, start: Array) -> Array:
-        """Positions (k,) at `time` on the way from `start` (k,)."""
+    def between(self, time: float, start: Array) -> tuple[Array, Array]:
+        """Positions and velocities of the joints that it names; see `sample`.
+
+        Args:
+            time: Seconds after the start; negative counts as 0.
+            start: Their command in [rad] or [m] at time 0, shape (k,).
+
+        Returns:
+            Positions in [rad] or [m] and velocities in [rad/s] or [m/s], shapes (k,); the velocities are 0
+            once the last way point is reached.
+        """
+        time = max(time, 0.0)
         after = int(np.searchsorted(self.times, time, side="right"))
-        if after == len(self.times):
-            return np.asarray(self.positions[-1])
-        if after == 0 and self.times[0] == 0.0:
-            return np.asarray(self.positions[0])
         still = np.zeros(len(start))
+        if after == len(self.times):
+            return np.asarray(self.positions[-1]), still
         begin = float(self.times[after - 1]) if after else 0.0
         first = self._slopes(after - 1) if after else (start, still, still)
         length = float(self.times[after]) - begin
-        share = max(time - begin, 0.0) / length
+        share = (time - begin) / length
         if self.velocities is None:
-            return np.asarray(first[0] + share * (self.positions[after] - first[0]))
+            way = self.positions[after] - first[0]
+            return np.asarray(first[0] + share * way), np.asarray(way / length)
         return _curve(share, length, first, self._slopes(after), quintic=self.accelerations is not None)
 
     def _slopes(self, point: int) -> tuple[Array, Array, Array]:
@@ -162,8 +171,8 @@ def _curve(
     last: tuple[Array, Array, Array],
     *,
     quintic: bool,
-) -> Array:
-    """The polynomial of third or fifth degree between two way points (Hermite).
+) -> tuple[Array, Array]:
+    """Positions and velocities (k,) on the polynomial of third or fifth degree between way points (Hermite).
 
     Args:
         share: Where, 0 to 1.
@@ -185,7 +194,13 @@ def _curve(
     else:
         c[2] = 3.0 * way - speed
         c.append(speed - 2.0 * way)
-    return np.asarray(sum(coefficient * share**power for power, coefficient in enumerate(c)))
+    slopes = [power * coefficient for power, coefficient in enumerate(c)][1:]
+    return _polynomial(c, share), _polynomial(slopes, share) / length
+
+
+def _polynomial(coefficients: Sequence[Array], at: float) -> Array:
+    """Its values, shape (k,), from coefficients of shape (k,), that of the lowest power first."""
+    return np.asarray(sum(each * at**power for power, each in enumerate(coefficients)))
 
 
 def _floats(what: str, values: ArrayLike) -> Array:

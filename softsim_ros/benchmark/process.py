@@ -171,9 +171,9 @@ class Listener:
         from shape_msgs.msg import Mesh
         from visualization_msgs.msg import Marker
 
+        from softsim_ros.optional_messages import optional_type
         from softsim_ros.qos import LATCHED
         from softsim_ros.runtime import SpinThread
-        from softsim_ros.simulator.publications import tf_message_type
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)
@@ -186,7 +186,7 @@ class Listener:
             (Mesh, "mesh/topology", LATCHED),
             (Clock, "/clock", 1),
         ]
-        transforms = tf_message_type()
+        transforms = optional_type("tf2_msgs.msg", "TFMessage")
         if transforms is not None:
             topics.append((transforms, "/tf", 100))
         for kind, name, quality in topics if self._everything else ():

@@ -15,12 +15,15 @@ UPDATE_RATE: Final = 100
 GOAL_TOLERANCE: Final = 0.02
 """How far from its goal a joint may end, in [rad] or [m]: silicone pulls at it."""
 
+GOAL_TIME: Final = 0.0
+"""So long after the end of a trajectory its joints may be on their way, in [s]; 0: as long as it takes."""
+
 
 def controllers(robot: RobotDescription, namespace: str) -> str:
     """YAML text: one trajectory controller over all joints, in the namespace of the robot."""
     start = f"/{namespace.strip('/')}".rstrip("/")
     kind = "joint_trajectory_controller/JointTrajectoryController"
-    constraints: dict[str, Any] = {"stopped_velocity_tolerance": 0.0, "goal_time": 0.0}
+    constraints: dict[str, Any] = {"stopped_velocity_tolerance": 0.0, "goal_time": GOAL_TIME}
     constraints |= {joint: {"goal": GOAL_TOLERANCE} for joint in robot.joint_names}
     controller = {
         "type": kind,

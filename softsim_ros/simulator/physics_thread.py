@@ -9,13 +9,12 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import numpy as np
-
 from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError, SolverDivergedError
 from softsim_core.simulation import Simulation
 from softsim_node.ending import ending
+from softsim_ros.simulator.commanded import Commanded, Follower
 from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.fallback_meter import Fallbacks
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
@@ -91,18 +90,12 @@ class PhysicsThread:
         speed: float = 1.0,
     ) -> None:
         self._simulation = simulation
-        self._on_state, self._on_refusal = on_state, on_refusal
-        self._on_fault, self._on_print = on_fault, on_print
+        self._on_state, self._on_fault, self._on_print = on_state, on_fault, on_print
         self._requests = WorkQueue("the physics", "a physics step", lambda: self.is_alive)
-        self._command_lock = threading.Lock()
-        self._newest: Array | JointTrajectory | None = None
-        self._named: dict[str, float] = {}  # positions of some joints, over the newest command
-        self._delay = 0.0
-        self._trajectory: tuple[JointTrajectory, float, Array] | None = None
+        self._commanded = Commanded(on_refusal)
         self._speed = speed
         self._paused = self._paused_before_fault = False
         self._fault = ""
-        self._clamped = self._refused = 0
         self._left_behind = False
         self._pacer = Pacer()
         self._meter = SpeedMeter(simulation.dt, time.monotonic())
@@ -130,21 +123,19 @@ class PhysicsThread:
         """Whether the thread runs."""
         return self._thread.is_alive()
 
-    def command(self, target: Array | JointTrajectory, delay_s: float = 0.0) -> None:
-        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins.
-
-        Args:
-            target: Where to go.
-            delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
-        """
-        with self._command_lock:
-            self._newest, self._delay = target, delay_s
-            self._named.clear()
+    def command(
+        self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
+    ) -> None:
+        """Give joint positions, shape (j,), or a trajectory for the next step; see Commanded."""
+        self._commanded.command(target, delay_s, follower)
 
     def command_named(self, positions: Mapping[str, float]) -> None:
         """Give positions of some joints by name for the next step; the others stay where they are told."""
-        with self._command_lock:
-            self._named.update(positions)
+        self._commanded.command_named(positions)
+
+    def leave(self, follower: Follower, reason: str) -> None:
+        """End the trajectory of a follower, if it is on its way; the joints stay where they were told."""
+        self._commanded.leave(follower, reason)
 
     def call(self, action: Callable[[Simulation], Result], *, shows: bool = True) -> Result:
         """Run an action on the simulation between two steps and wait for its result.
@@ -175,12 +166,14 @@ class PhysicsThread:
         self.call(change, shows=False)
 
     def pause(self, paused: bool) -> None:
-        """Stop or go on stepping."""
+        """Stop or go on stepping; a trajectory that is followed ends with a pause, others wait."""
 
         def change(_: Simulation) -> None:
             self._paused = paused
             self._pacer.start()
-            if not paused:
+            if paused:
+                self._commanded.forget("the simulation was paused", lambda follower: follower is not None)
+            else:
                 self._fault = ""
 
         self.call(change)
@@ -207,7 +200,7 @@ class PhysicsThread:
         """Back to the start of the scene; commands and trajectories given before are forgotten."""
 
         def start_again(simulation: Simulation) -> None:
-            self._forget_commands()
+            self._commanded.forget("the simulation was reset")
             simulation.reset()
             self._fault = ""
 
@@ -222,7 +215,7 @@ class PhysicsThread:
 
         def go(simulation: Simulation) -> None:
             simulation.restore(data)
-            self._forget_commands()
+            self._commanded.forget("a snapshot was loaded")
             self._fault = ""
 
         self.call(go)
@@ -238,7 +231,7 @@ class PhysicsThread:
         def swap(_: Simulation) -> None:
             prepare(simulation)
             self._simulation = simulation
-            self._forget_commands()
+            self._commanded.forget("another scene was loaded")
             self._meter = SpeedMeter(simulation.dt, time.monotonic())
             self._contacts = self._last_contacts = ContactQuality()
             self._fallbacks = self._last_fallbacks = Fallbacks()
@@ -261,7 +254,7 @@ class PhysicsThread:
 
         def begin(simulation: Simulation) -> None:
             simulation.start_animation()
-            self._forget_commands()
+            self._commanded.forget("the start animation began")
 
         self.call(begin, shows=False)
 
@@ -291,7 +284,7 @@ class PhysicsThread:
     def _step(self) -> None:
         simulation = self._simulation
         try:
-            self._apply_command()
+            self._commanded.apply(simulation)
             cpu = time.thread_time()
             with self._listening():
                 simulation.step()
@@ -301,6 +294,7 @@ class PhysicsThread:
         except Exception as error:  # a scene's own controller may raise anything; the node must live on
             self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
         else:
+            self._commanded.follow(simulation)
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
             self._contacts = self._contacts.with_step(simulation.contacts, simulation.scene.contact.tolerance)
@@ -312,62 +306,12 @@ class PhysicsThread:
         return printed_lines(self._on_print) if self._simulation.robot.controllers else nullcontext()
 
     def _stop_on_fault(self, sentence: str) -> None:
-        self._forget_commands()
+        self._commanded.forget(sentence)
         if not self._fault:
             self._paused_before_fault = self._paused
         self._paused, self._fault = True, sentence
         self._show(whole=True)
         self._on_fault(sentence)
-
-    def _apply_command(self) -> None:
-        with self._command_lock:
-            newest, self._newest = self._newest, None
-            named, self._named, delay = self._named, {}, self._delay
-        simulation = self._simulation
-        try:
-            if named:
-                self._trajectory = None
-                self._command(self._laid_over(newest, named))
-            elif isinstance(newest, JointTrajectory):
-                self._trajectory = (newest, simulation.time + delay, simulation.joint_targets)
-            elif newest is not None:
-                self._trajectory = None
-                self._command(newest)
-            if self._trajectory is not None:
-                trajectory, begin, start = self._trajectory
-                elapsed = simulation.time + simulation.dt - begin  # targets hold at the end of the step
-                if trajectory.is_over(elapsed):
-                    self._trajectory = None
-                if elapsed >= 0.0:
-                    self._command(trajectory.sample(elapsed, start, simulation.joint_names))
-        except CommandError as error:
-            self._trajectory = None
-            self._refused += 1
-            self._on_refusal(str(error))
-
-    def _laid_over(self, newest: Array | JointTrajectory | None, named: Mapping[str, float]) -> Array:
-        """Targets of all joints: those named, over the newest command, else over what was told before."""
-        simulation = self._simulation
-        targets = np.array(newest) if isinstance(newest, np.ndarray) else simulation.joint_targets
-        if simulation.enforce_limits:  # a rest pose beyond them is no command of anybody's
-            targets[:] = [
-                joint.limits.clamp(target)
-                for joint, target in zip(simulation.robot.joints, targets, strict=True)
-            ]
-        for name, position in named.items():
-            if name in simulation.joint_names:  # else another scene has come since
-                targets[simulation.joint_names.index(name)] = position
-        return targets
-
-    def _command(self, values: Array) -> None:
-        accepted = self._simulation.command(values)
-        self._clamped += not np.array_equal(accepted, values)
-
-    def _forget_commands(self) -> None:
-        with self._command_lock:
-            self._newest = None
-            self._named.clear()
-        self._trajectory = None
 
     def _show(self, *, whole: bool) -> float:
         if self._left_behind:  # those who would be shown it are gone
@@ -387,9 +331,9 @@ class PhysicsThread:
             paused=self._paused,
             fault=self._fault,
             late_s=self._pacer.late_s,
-            clamped_commands=self._clamped,
-            refused_commands=self._refused,
-            trajectory=self._trajectory is not None,
+            clamped_commands=self._commanded.clamped,
+            refused_commands=self._commanded.refused,
+            trajectory=self._commanded.runs_trajectory,
             inverted_elements=simulation.report.inverted,
             contacts=self._last_contacts if simulation.collision_surfaces else None,
             fallbacks=self._last_fallbacks,

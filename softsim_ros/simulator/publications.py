@@ -21,6 +21,7 @@ from softsim_core.simulation import Simulation
 from softsim_ros import messages
 from softsim_ros.description.urdf import control_topics, urdf
 from softsim_ros.frames import WORLD, RobotFrames
+from softsim_ros.optional_messages import optional_type
 from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.chambers import ChamberPublications
 from softsim_ros.simulator.objects import ObjectPublications
@@ -32,15 +33,6 @@ MARKER_PERIOD_S = 0.1
 """RViz copes with one large marker at 10 Hz."""
 
 TF_PERIOD_S = 1.0 / 50.0
-
-
-def tf_message_type() -> Any | None:
-    """The class tf2_msgs/TFMessage where it is installed, else None (it is not on PyPI)."""
-    try:
-        from tf2_msgs.msg import TFMessage
-    except ImportError:
-        return None
-    return TFMessage
 
 
 class Publications:
@@ -181,7 +173,7 @@ class Publications:
             self._marker.publish(self._template.fill(stamp, vertices, stress, self.marker_stress))
 
     def _create_tf(self, node: Node) -> None:
-        message_type = tf_message_type()
+        message_type = optional_type("tf2_msgs.msg", "TFMessage")
         if message_type is None:
             node.get_logger().info(
                 "tf2_msgs is not installed: no transforms on /tf (poses are on effector_pose)"

@@ -14,14 +14,12 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
-from softsim_core.errors import CommandError, SoftSimError, listing
+from softsim_core.errors import SoftSimError, listing
 from softsim_core.scene import SceneCatalog
 from softsim_core.scene.catalog import folders_of
 from softsim_node.help import Program
@@ -31,12 +29,7 @@ from softsim_ros.aside import Aside
 from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.bases import BaseTargets
-from softsim_ros.simulator.commands import (
-    named_command,
-    position_command,
-    trajectory_command,
-    trajectory_delay,
-)
+from softsim_ros.simulator.command_inputs import CommandInputs
 from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, Tried, reason
 from softsim_ros.simulator.parameters import SceneSettings, SimulatorSettings, check_speed
@@ -49,9 +42,6 @@ from softsim_ros.simulator.stage_statistics import stage_statistics
 from softsim_ros.simulator.tuning import SCENE, TuningParameters
 
 NODE_NAME = "simulator"
-NAMED_DEPTH = 10
-"""Commands by name that may wait: each may be for other joints."""
-
 WATCH_PERIOD_S = 0.25
 """The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
 
@@ -65,6 +55,7 @@ class Simulator(RobotNode):
 
     node_name = NODE_NAME
     _physics: PhysicsThread | None = None
+    _inputs: CommandInputs | None = None
     _closed = False
 
     def _begin(self, robot: RobotDescription) -> None:
@@ -111,9 +102,7 @@ class Simulator(RobotNode):
         )
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
-        self.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, 1)
-        self.create_subscription(JointState, "joint_commands", self._on_joint_command, NAMED_DEPTH)
-        self.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        self._inputs = CommandInputs(self, self._physics, lambda: self.joint_names, self._now_s)
         self.create_subscription(String, "keys", self._on_key, 10)
         self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
         self._base_targets = BaseTargets(self, self._physics, self.refuse)
@@ -152,6 +141,8 @@ class Simulator(RobotNode):
         self._aside.close()
         if self._physics is not None:
             self._physics.close()
+        if self._inputs is not None:
+            self._inputs.action.close()
         self.destroy_node()
 
     @property
@@ -167,30 +158,11 @@ class Simulator(RobotNode):
 
     # --- commands -------------------------------------------------------------------------------------
 
-    def _on_command(self, message: Float64MultiArray) -> None:
-        try:
-            self.physics.command(position_command(message, self.joint_names))
-        except CommandError as error:
-            self.refuse(str(error))
-
-    def _on_joint_command(self, message: JointState) -> None:
-        try:
-            self.physics.command_named(named_command(message, self.joint_names, self._now_s()))
-        except CommandError as error:
-            self.refuse(str(error))
-
     def _now_s(self) -> float:
         """The time now in [s], on the clock that stamps what the simulator sends."""
         if self._live.values.publish_clock:
             return self.physics.status.time_s
         return float(self.get_clock().now().nanoseconds) * 1e-9
-
-    def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
-        try:
-            delay = trajectory_delay(message, self._now_s())
-            self.physics.command(trajectory_command(message, self.joint_names), delay)
-        except CommandError as error:
-            self.refuse(str(error))
 
     def _on_key(self, message: String) -> None:
         """A key for the functions that the scene itself hung on keys."""
@@ -348,6 +320,8 @@ class Simulator(RobotNode):
     # --- diagnostics ----------------------------------------------------------------------------------
 
     def _publish_diagnostics(self) -> None:
+        if self._inputs is not None:
+            self._inputs.action.look()
         level, sentence, values = health(
             self.physics.status, self.physics.is_alive, self._live.values.speed, self._backend
         )

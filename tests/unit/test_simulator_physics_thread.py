@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from softsim_core import load_scene
 from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.errors import CommandError, SceneError, SoftSimError
 from softsim_core.scene.robot import Controller, RobotDescription
 from softsim_core.simulation import Simulation
 from softsim_core.warmup import small_scene
+from softsim_ros.simulator.commanded import Commanded, Progress
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
 DEADLINE_S = 10.0
@@ -123,6 +126,104 @@ def test_a_plain_command_cancels_a_trajectory(start: Callable[..., PhysicsThread
     for _ in range(3):
         thread.step_once()
     assert watcher.shown[-1][1] == pytest.approx([-0.1])
+
+
+class Noting:
+    """A follower that writes down what it is told, and ends its trajectory after some steps."""
+
+    def __init__(self, steps: int = 10**6) -> None:
+        self.steps = steps
+        self.seen: list[tuple[float, float, float]] = []
+        self.reasons: list[str] = []
+
+    def follow(self, progress: Progress) -> bool:
+        self.seen.append((progress.elapsed, float(progress.desired[0]), float(progress.actual[0])))
+        return len(self.seen) >= self.steps
+
+    def give_up(self, reason: str) -> None:
+        self.reasons.append(reason)
+
+
+def test_a_follower_sees_each_step_and_ends_its_trajectory(
+    start: Callable[..., PhysicsThread],
+) -> None:
+    thread, follower = start(paused=True), Noting(steps=7)
+    thread.command(JointTrajectory(["servo"], [0.05], [[0.5]]), 0.0, follower)
+    for _ in range(9):
+        assert thread.status.trajectory or not follower.seen or len(follower.seen) == 7
+        thread.step_once()
+    elapsed, desired, actual = np.transpose(follower.seen)
+    assert elapsed == pytest.approx(0.01 * np.arange(1, 8))
+    assert desired == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5])
+    assert actual == pytest.approx(desired)
+    assert follower.reasons == []
+
+
+@pytest.mark.parametrize("on_its_way", [True, False])
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (lambda thread, _: thread.command(np.array([0.1])), "another command took over"),
+        (lambda thread, _: thread.command_named({"servo": 0.1}), "another command took over"),
+        (
+            lambda thread, _: thread.command(JointTrajectory(["servo"], [1.0], [[0.1]])),
+            "another command took over",
+        ),
+        (lambda thread, follower: thread.leave(follower, "nobody wants it"), "nobody wants it"),
+        (lambda thread, _: thread.reset(), "the simulation was reset"),
+        (lambda thread, _: thread.pause(True), "the simulation was paused"),
+        (lambda thread, _: thread.stop("a broken file"), "a broken file"),
+    ],
+)
+def test_a_follower_is_told_once_why_its_trajectory_ended(
+    start: Callable[..., PhysicsThread],
+    end: Callable[[PhysicsThread, Noting], None],
+    reason: str,
+    on_its_way: bool,
+) -> None:
+    thread, follower = start(paused=True), Noting()
+    thread.command(JointTrajectory(["servo"], [1.0], [[0.5]]), 0.0, follower)
+    if on_its_way:
+        thread.step_once()
+    end(thread, follower)
+    for _ in range(2):
+        thread.step_once()
+    assert follower.reasons == [reason]
+    assert len(follower.seen) == int(on_its_way)
+
+
+def test_a_pause_keeps_a_trajectory_that_nobody_follows(
+    start: Callable[..., PhysicsThread],
+) -> None:
+    thread = start(paused=True)
+    thread.command(JointTrajectory(["servo"], [1.0], [[0.5]]))
+    thread.step_once()
+    thread.pause(True)
+    assert thread.status.trajectory
+
+
+def test_of_a_joint_that_is_told_its_effort_the_effort_is_followed() -> None:
+    joints = load_scene("inflated_cube").scene.joints
+    told: list[np.ndarray] = []
+    follower = Noting()
+    simulation = SimpleNamespace(
+        joint_names=(joints[0].name,),
+        robot=SimpleNamespace(joints=joints),
+        time=0.0,
+        dt=0.5,
+        joint_targets=np.zeros(1),
+        joint_positions=np.array([1.0e-6]),
+        joint_velocities=np.zeros(1),
+        joint_efforts=np.array([400.0]),
+        command=lambda values: told.append(values) or values,
+    )
+    commanded = Commanded(lambda sentence: None)
+    commanded.command(JointTrajectory([joints[0].name], [1.0], [[1000.0]]), 0.0, follower)
+    commanded.apply(simulation)  # type: ignore[arg-type]
+    simulation.time = 0.5
+    commanded.follow(simulation)  # type: ignore[arg-type]
+    assert told == [pytest.approx([500.0])]
+    assert follower.seen == [pytest.approx((0.5, 500.0, 400.0))]
 
 
 def test_reset_forgets_what_was_commanded(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:

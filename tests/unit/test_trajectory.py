@@ -20,6 +20,8 @@ def test_linear_from_the_current_command_through_the_way_points() -> None:
     samples = np.array([trajectory.sample(time, [0.0, 1.0]) for time in times])
     np.testing.assert_allclose(samples[:, 0], [0.0, 0.0, 0.5, 1.0, 1.5, 2.0, 2.0])
     np.testing.assert_allclose(samples[:, 1], [1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0])
+    velocities = [trajectory.between(time, np.array([0.0, 1.0]))[1].tolist() for time in times]
+    assert velocities == [[1.0, -2.0]] * 3 + [[0.5, 0.0]] * 2 + [[0.0, 0.0]] * 2
     assert trajectory.duration == 3.0
     assert [trajectory.is_over(time) for time in (2.99, 3.0 - 1e-12, 3.0)] == [False, True, True]
 
@@ -99,6 +101,8 @@ def test_velocities_and_accelerations_make_cubics_and_quintics(order: int) -> No
     curve = BPoly.from_derivatives(np.append(0.0, times), np.concatenate([start, slopes]))
     for time in np.linspace(0.0, 2.5, 41):
         np.testing.assert_allclose(trajectory.sample(time, start[0, 0]), curve(time), atol=1e-12)
+        velocities = trajectory.between(time, start[0, 0])[1]
+        np.testing.assert_allclose(velocities, curve.derivative()(time), atol=1e-11)
     np.testing.assert_allclose(trajectory.sample(9.0, start[0, 0]), slopes[-1, 0])
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from softsim_node import discovery
 from softsim_node.environment import has_ros_wheels, system_ros
 from softsim_ros.cli.checks.finding import Finding, Level
+from softsim_ros.optional_messages import OPTIONAL
 
 MESSAGE_PACKAGES = (
     "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "visualization_msgs", "shape_msgs",
@@ -42,11 +43,18 @@ def client() -> list[Finding]:
             "pip install ros-jazzy-common-interfaces==5.3.6, or sudo apt install ros-jazzy-common-interfaces"
         )
         findings.append(Finding(Level.PROBLEM, "messages", f"missing: {', '.join(missing)}", advice))
-    transforms = importlib.util.find_spec("tf2_msgs") is not None
-    text = "published (tf2_msgs is here)" if transforms else "not published: tf2_msgs is not on PyPI"
-    advice = "" if transforms else "only RViz needs it; apt's ROS 2 has it"
-    findings.append(Finding(Level.OK, "transforms", text, advice))
-    return findings
+    return [*findings, *_optional()]
+
+
+def _optional() -> list[Finding]:
+    """What is offered where its message package is installed."""
+    here = {name: importlib.util.find_spec(name) is not None for name in OPTIONAL}
+    return [
+        Finding(Level.OK, name, f"here: {offer}", "")
+        if here[name]
+        else Finding(Level.OK, name, f"not here, nor is {offer}", "not on PyPI; apt's ROS 2 has it")
+        for name, offer in OPTIONAL.items()
+    ]
 
 
 def mixture() -> list[Finding]:

@@ -1,0 +1,217 @@
+"""What the joints are told: the newest command, positions by name over it, or a trajectory on its way."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+
+from softsim_core.actuation.trajectory import JointTrajectory
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError
+from softsim_core.simulation import Simulation
+
+TAKEN_OVER: Final = "another command took over"
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """A step of a trajectory, for the k joints that it names.
+
+    Attributes:
+        elapsed: Time since its begin in [s], >= 0.
+        desired: Where the joints should be in [rad] or [m], or in the unit of an effort that they are told,
+            shape (k,).
+        desired_velocities: The same a second, shape (k,).
+        actual: Where they are, or their effort, shape (k,).
+        actual_velocities: Shape (k,); NaN of efforts, whose rates are not measured.
+    """
+
+    elapsed: float
+    desired: Array
+    desired_velocities: Array
+    actual: Array
+    actual_velocities: Array
+
+
+class Follower(Protocol):
+    """Who gave a trajectory and wants to know how it goes and how it ends."""
+
+    def follow(self, progress: Progress) -> bool:
+        """Called in the physics thread after each step of it; True: it has ended."""
+        ...
+
+    def give_up(self, reason: str) -> None:
+        """Called from any thread, once: why it ended before its time, such as "the simulation was reset"."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """A trajectory with its follower, and once it runs its begin in [s] and the command (j,) at that time."""
+
+    trajectory: JointTrajectory
+    follower: Follower | None
+    begin: float = 0.0
+    start: Array | None = None
+
+
+class Commanded:
+    """The commands of a simulation's joints, from any thread, applied in the one that steps it.
+
+    Args:
+        on_refusal: Called in that thread with the sentence of a refused command.
+
+    Attributes:
+        clamped: Commands that were moved to the limits, in all.
+        refused: Commands that the simulation refused, in all.
+    """
+
+    def __init__(self, on_refusal: Callable[[str], None]) -> None:
+        self._on_refusal = on_refusal
+        self._lock = threading.Lock()
+        self._newest: Array | _Course | None = None
+        self._named: dict[str, float] = {}  # positions of some joints, over the newest command
+        self._delay = 0.0
+        self._course: _Course | None = None
+        self._leaving: list[tuple[Follower, str]] = []
+        self.clamped = self.refused = 0
+
+    # --- from any thread ------------------------------------------------------------------------------
+
+    def command(
+        self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
+    ) -> None:
+        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins.
+
+        Args:
+            target: Where to go.
+            delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
+            follower: Is told how the trajectory goes and ends.
+        """
+        newest = _Course(target, follower) if isinstance(target, JointTrajectory) else target
+        with self._lock:
+            before, self._newest, self._delay = self._newest, newest, delay_s
+            self._named.clear()
+        _give_up(before, TAKEN_OVER)
+
+    def command_named(self, positions: Mapping[str, float]) -> None:
+        """Give positions of some joints by name for the next step; the others stay where they are told."""
+        with self._lock:
+            self._named.update(positions)
+
+    def leave(self, follower: Follower, reason: str) -> None:
+        """End the trajectory of a follower before the next step, if it has not ended by itself."""
+        with self._lock:
+            self._leaving.append((follower, reason))
+
+    # --- in the thread that steps ---------------------------------------------------------------------
+
+    @property
+    def runs_trajectory(self) -> bool:
+        """Whether a trajectory is on its way."""
+        return self._course is not None
+
+    def apply(self, simulation: Simulation) -> None:
+        """Tell the joints what is due in the next step."""
+        with self._lock:
+            newest, self._newest = self._newest, None
+            named, self._named, delay = self._named, {}, self._delay
+            leaving, self._leaving = self._leaving, []
+        try:
+            if named:
+                self._take_over(None)
+                _give_up(newest, TAKEN_OVER)
+                self._command(simulation, _laid_over(simulation, newest, named))
+            elif isinstance(newest, _Course):
+                begin = simulation.time + delay
+                self._take_over(replace(newest, begin=begin, start=simulation.joint_targets))
+            elif newest is not None:
+                self._take_over(None)
+                self._command(simulation, newest)
+            for follower, reason in leaving:
+                if self._course is not None and self._course.follower is follower:
+                    self._end(reason)
+            self._go_on(simulation)
+        except CommandError as error:
+            self._end(str(error))
+            self.refused += 1
+            self._on_refusal(str(error))
+
+    def follow(self, simulation: Simulation) -> None:
+        """Show the step that was done to the follower of the trajectory."""
+        course = self._course
+        if course is None or course.follower is None or simulation.time < course.begin:
+            return
+        assert course.start is not None
+        elapsed = simulation.time - course.begin
+        joints = [simulation.joint_names.index(name) for name in course.trajectory.joints]
+        desired, desired_velocities = course.trajectory.between(elapsed, course.start[joints])
+        told_efforts = np.array([joint.by_effort for joint in simulation.robot.joints])
+        actual = np.where(told_efforts, simulation.joint_efforts, simulation.joint_positions)
+        velocities = np.where(told_efforts, np.nan, simulation.joint_velocities)
+        progress = Progress(elapsed, desired, desired_velocities, actual[joints], velocities[joints])
+        if course.follower.follow(progress):
+            self._course = None
+
+    def forget(self, reason: str, whose: Callable[[Follower | None], bool] = lambda follower: True) -> None:
+        """Drop what was given before; its followers are told the reason.
+
+        Args:
+            reason: Why, such as "the simulation was reset".
+            whose: Tells by its follower what is dropped; what nobody follows has None.
+        """
+        with self._lock:
+            newest = self._newest
+            dropped = newest if whose(newest.follower if isinstance(newest, _Course) else None) else None
+            if dropped is not None:
+                self._newest = None
+            if whose(None):
+                self._named.clear()
+        _give_up(dropped, reason)
+        if self._course is not None and whose(self._course.follower):
+            self._end(reason)
+
+    def _go_on(self, simulation: Simulation) -> None:
+        if self._course is None:
+            return
+        course = self._course
+        assert course.start is not None
+        elapsed = simulation.time + simulation.dt - course.begin  # targets hold at the end of the step
+        if course.follower is None and course.trajectory.is_over(elapsed):
+            self._course = None
+        if elapsed >= 0.0:
+            self._command(simulation, course.trajectory.sample(elapsed, course.start, simulation.joint_names))
+
+    def _command(self, simulation: Simulation, values: Array) -> None:
+        accepted = simulation.command(values)
+        self.clamped += not np.array_equal(accepted, values)
+
+    def _take_over(self, course: _Course | None) -> None:
+        self._end(TAKEN_OVER)
+        self._course = course
+
+    def _end(self, reason: str) -> None:
+        course, self._course = self._course, None
+        _give_up(course, reason)
+
+
+def _give_up(dropped: Array | _Course | None, reason: str) -> None:
+    if isinstance(dropped, _Course) and dropped.follower is not None:
+        dropped.follower.give_up(reason)
+
+
+def _laid_over(simulation: Simulation, newest: Array | _Course | None, named: Mapping[str, float]) -> Array:
+    """Targets of all joints: those named, over the newest command, else over what was told before."""
+    targets = np.array(newest) if isinstance(newest, np.ndarray) else simulation.joint_targets
+    if simulation.enforce_limits:  # a rest pose beyond them is no command of anybody's
+        targets[:] = [
+            joint.limits.clamp(target) for joint, target in zip(simulation.robot.joints, targets, strict=True)
+        ]
+    for name, position in named.items():
+        if name in simulation.joint_names:  # else another scene has come since
+            targets[simulation.joint_names.index(name)] = position
+    return targets

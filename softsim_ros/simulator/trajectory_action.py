@@ -1,0 +1,233 @@
+"""The action FollowJointTrajectory of the simulator, under the name that ros2_control's controller has."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+from builtin_interfaces.msg import Duration, Time
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse, ServerGoalHandle
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError
+from softsim_node.guarded_node import GuardedNode
+from softsim_ros.description.controllers import CONTROLLER
+from softsim_ros.messages import message_array, time_message
+from softsim_ros.optional_messages import optional_type
+from softsim_ros.simulator.commanded import Progress
+from softsim_ros.simulator.commands import trajectory_command, trajectory_delay
+from softsim_ros.simulator.pacing import RateGate
+from softsim_ros.simulator.physics_thread import PhysicsThread
+from softsim_ros.simulator.trajectory_goal import (
+    End,
+    FollowedGoal,
+    Outcome,
+    check_reachable,
+    followed_goal,
+)
+from softsim_ros.state_listener import StateListener
+
+ACTION: Final = f"{CONTROLLER}/follow_joint_trajectory"
+FEEDBACK_PERIOD_S: Final = 0.05
+"""Feedback is sent at most this often, in [s]: the controller's 20 Hz."""
+
+RESULT_KEPT_S: Final = 60
+"""A result is kept so long in [s] for a client that asks late."""
+
+
+class TrajectoryAction:
+    """Takes goals for one trajectory at a time; a new one takes over from the one before.
+
+    A goal is aborted with a sentence when another command takes over, at a pause, a reset, another scene or a
+    fault, and when the bridge's e-stop latches. While ros2_control's controller runs in the same namespace
+    goals are left to it.
+
+    Args:
+        node: Owner of the server.
+        physics: The thread that owns the simulation.
+        now_s: The time now in [s], on the clock of the stamps.
+    """
+
+    def __init__(self, node: GuardedNode, physics: PhysicsThread, now_s: Callable[[], float]) -> None:
+        self._node, self._physics, self._now_s = node, physics, now_s
+        self._type = optional_type("control_msgs.action", "FollowJointTrajectory")
+        self._server: _Server | None = None
+        self._checked: tuple[FollowedGoal, float] | None = None
+        self._current: tuple[ServerGoalHandle, FollowedGoal] | None = None
+        if self._type is not None:
+            self._e_stop = StateListener(node, "servo_bridge/e_stop_latched", self._on_e_stop)
+            self.look()
+
+    def look(self) -> None:
+        """Offer the action, unless the controller itself is there; to be called now and then."""
+        if self._type is None:
+            return
+        taken = self._has_controller()
+        if taken and self._current is not None:
+            self._leave(f"{CONTROLLER} is there now")  # and look again, once its client was told
+        elif taken and self._server is not None:
+            self.close()
+            self._node.get_logger().info(f"{CONTROLLER} is there: the action {ACTION} is left to it")
+        elif not taken and self._server is None:
+            self._server = _Server(self._node, self._type, self._decide, self._begin, self._on_cancel)
+
+    def close(self) -> None:
+        """Offer the action no longer; a second call does nothing."""
+        if self._server is not None:
+            self._server.destroy()
+            self._server = None
+
+    def _has_controller(self) -> bool:
+        return (CONTROLLER, self._node.get_namespace()) in self._node.get_node_names_and_namespaces()
+
+    # --- goals ----------------------------------------------------------------------------------------
+
+    def _decide(self, goal: Any) -> GoalResponse:
+        with self._node.refusing(f"goal on {ACTION}:"):
+            try:
+                self._checked = self._check(goal)
+                return GoalResponse.ACCEPT
+            except CommandError as error:
+                self._node.refuse(str(error))
+        return GoalResponse.REJECT
+
+    def _check(self, goal: Any) -> tuple[FollowedGoal, float]:
+        """The goal and in how many seconds it begins.
+
+        Raises:
+            CommandError: why it is rejected.
+        """
+        if self._has_controller():
+            raise CommandError(f"trajectory refused: {CONTROLLER} is there and takes the goals")
+        if self._e_stop.value:
+            raise CommandError("trajectory refused: the e-stop is latched; call servo_bridge/clear_e_stop")
+        if self._physics.status.paused:
+            raise CommandError("trajectory refused: the simulation is paused; nothing was moved")
+        joints, limited = self._physics.call(
+            lambda simulation: (simulation.robot.joints, simulation.enforce_limits), shows=False
+        )
+        trajectory = trajectory_command(goal.trajectory, [joint.name for joint in joints])
+        delay = trajectory_delay(goal.trajectory, self._now_s())
+        followed = followed_goal(goal, trajectory, joints)
+        if limited:
+            check_reachable(followed, joints)
+        return followed, delay
+
+    def _begin(self, handle: ServerGoalHandle) -> None:
+        assert self._checked is not None
+        assert self._server is not None
+        (checked, delay), self._checked = self._checked, None
+        gate, server = RateGate(FEEDBACK_PERIOD_S), self._server
+
+        def tell(progress: Progress) -> None:
+            if gate.passes(time.monotonic()):
+                self._send(handle, progress, checked.trajectory.joints)
+
+        def forget() -> None:
+            if self._current is not None and self._current[0] is handle:
+                self._current = None
+
+        goal = replace(
+            checked, on_progress=tell, on_end=lambda outcome: server.finish(handle, outcome, forget)
+        )
+        self._current = (handle, goal)
+        handle.execute()
+        self._physics.command(goal.trajectory, delay, goal)
+
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        if self._current is None or self._current[0] is not handle:
+            return CancelResponse.REJECT
+        self._leave("it was cancelled")
+        return CancelResponse.ACCEPT
+
+    def _on_e_stop(self, latched: bool | None) -> None:
+        if latched:
+            self._leave("the e-stop was pressed")
+
+    def _leave(self, reason: str) -> None:
+        if self._current is not None:
+            self._physics.leave(self._current[1], reason)
+
+    def _send(self, handle: ServerGoalHandle, progress: Progress, joints: tuple[str, ...]) -> None:
+        assert self._type is not None
+        feedback = self._type.Feedback(
+            joint_names=joints,
+            desired=_point(progress.elapsed, progress.desired, progress.desired_velocities),
+            actual=_point(progress.elapsed, progress.actual, progress.actual_velocities),
+            error=_point(
+                progress.elapsed,
+                progress.desired - progress.actual,
+                progress.desired_velocities - progress.actual_velocities,
+            ),
+        )
+        feedback.header.stamp = time_message(self._now_s())
+        try:
+            handle.publish_feedback(feedback)
+        except Exception:
+            if self._node.context.ok():
+                raise
+            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+
+
+class _Server(ActionServer):
+    """An action server whose goals end when `finish` is called, from any thread.
+
+    A callback that executes a goal and waits for its end would keep the executor busy all the time.
+    """
+
+    def __init__(
+        self,
+        node: GuardedNode,
+        kind: Any,
+        decide: Callable[[Any], GoalResponse],
+        begin: Callable[[ServerGoalHandle], None],
+        cancel: Callable[[ServerGoalHandle], CancelResponse],
+    ) -> None:
+        self._owner, codes = node, kind.Result
+        self._codes = {
+            End.REACHED: codes.SUCCESSFUL,
+            End.LEFT_PATH: codes.PATH_TOLERANCE_VIOLATED,
+            End.MISSED: codes.GOAL_TOLERANCE_VIOLATED,
+            End.GIVEN_UP: codes.INVALID_GOAL,
+        }
+        super().__init__(
+            node,
+            kind,
+            ACTION,
+            lambda handle: None,
+            goal_callback=decide,
+            handle_accepted_callback=begin,
+            cancel_callback=cancel,
+            result_timeout=RESULT_KEPT_S,
+        )
+
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
+        """Of a goal that begins: the physics thread has it; nothing is to be done here."""
+
+    def finish(self, handle: ServerGoalHandle, outcome: Outcome, before: Callable[[], None]) -> None:
+        """In the executor's turn: call `before`, then send the result."""
+
+        def report(ended: ServerGoalHandle) -> Any:
+            before()
+            if outcome.end is End.REACHED:
+                ended.succeed()
+            elif ended.is_cancel_requested:
+                ended.canceled()
+            else:
+                ended.abort()
+            return self.action_type.Result(error_code=self._codes[outcome.end], error_string=outcome.sentence)
+
+        if self._owner.executor is not None:  # else nobody serves the node any more
+            super().notify_execute(handle, report)
+
+
+def _point(elapsed: float, positions: Array, velocities: Array) -> JointTrajectoryPoint:
+    stamp: Time = time_message(elapsed)
+    return JointTrajectoryPoint(
+        positions=message_array(positions, "d"),
+        velocities=message_array(velocities, "d"),
+        time_from_start=Duration(sec=stamp.sec, nanosec=stamp.nanosec),
+    )
