@@ -48,7 +48,12 @@ ELSEWHERE = {
     for verb, names in {
         "publish": ("/tf", "/tf_static", f"{ACTION}/feedback", f"{ACTION}/status"),
         "subscribe": ("servo_bridge/e_stop_latched",),
-        "reply": (f"{ACTION}/send_goal", f"{ACTION}/cancel_goal", f"{ACTION}/get_result"),
+        "reply": (
+            *(f"{ACTION}/{name}" for name in ("send_goal", "cancel_goal", "get_result")),
+            *(f"~/{name}_{what}" for name in ("get", "set") for what in ("entity_state", "simulation_state")),
+            *(f"~/{name}" for name in ("get_entities", "get_simulator_features")),
+            *(f"~/{name}_simulation" for name in ("reset", "step")),
+        ),
     }.items()
     for name in names
 }

@@ -39,7 +39,13 @@ from softsim_core.scene.robot import RobotDescription, as_robot
 from softsim_core.simulation.bases import MovableBases
 from softsim_core.simulation.drive import JointDrive
 from softsim_core.simulation.scene_state import SceneState
-from softsim_core.simulation.velocities import checked, number_of, set_body_motion, set_node_velocities
+from softsim_core.simulation.velocities import (
+    checked,
+    number_of,
+    rotation_from,
+    set_body_motion,
+    set_node_velocities,
+)
 
 
 class Simulation(SceneState):
@@ -246,6 +252,22 @@ class Simulation(SceneState):
             set_body_motion(self.model, self._state, self.bodies[number], linear, angular)
         else:
             self._state.rigid_velocities[number - len(soft)] = np.concatenate([linear, angular])
+
+    def place_rigid_body(self, body: str, position: ArrayLike, quaternion_xyzw: ArrayLike) -> None:
+        """Put a rigid body with mass somewhere else, from now on; it keeps its velocity.
+
+        Args:
+            body: Its name, one of `rigid_names`.
+            position: Of its centre of mass in [m], in the world, shape (3,).
+            quaternion_xyzw: How it is turned, of length 1, shape (4,).
+
+        Raises:
+            CommandError: no such body, another shape, not finite, or no unit quaternion; nothing is changed.
+        """
+        number = number_of("rigid body with mass", body, self.rigid_names)
+        place, turn = checked("position", position, (3,), "m"), rotation_from(quaternion_xyzw)
+        self._state.rigid_positions[number], self._state.rigid_rotations[number] = place, turn
+        self._forget_contacts()
 
     # --- parameters ---
 

@@ -1,8 +1,9 @@
-"""Setting velocities: what may be set, and what follows from it."""
+"""Setting velocities and places: what may be set, and what follows from it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +11,12 @@ from numpy.typing import ArrayLike
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, listing
 from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.pose import cross
+from softsim_core.mechanics.pose import cross, rotation_of
 from softsim_core.mechanics.state import State
 from softsim_core.scene.body import Body
+
+ROUNDED: Final = 1e-3
+"""By so much the length of a unit quaternion may differ from 1: those of messages are often of few digits."""
 
 
 def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> Array:
@@ -36,6 +40,19 @@ def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> 
             "nothing was changed"
         )
     return array
+
+
+def rotation_from(quaternion_xyzw: ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of a quaternion whose length is 1 but for rounding.
+
+    Raises:
+        CommandError: it is none.
+    """
+    quaternion = checked("quaternion", quaternion_xyzw, (4,), "x, y, z, w")
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > ROUNDED:
+        raise CommandError(f"quaternion of length {length:g} refused: expected 1; nothing was changed")
+    return rotation_of(quaternion / length)
 
 
 def set_node_velocities(model: Model, state: State, velocities: Array) -> None:

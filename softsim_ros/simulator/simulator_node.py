@@ -39,6 +39,7 @@ from softsim_ros.simulator.pulls import Pulls, PullSettings
 from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.snapshot_folder import SnapshotFolder
 from softsim_ros.simulator.stage_statistics import stage_statistics
+from softsim_ros.simulator.standard_services import StandardServices
 from softsim_ros.simulator.tuning import SCENE, TuningParameters
 
 NODE_NAME = "simulator"
@@ -56,6 +57,7 @@ class Simulator(RobotNode):
     node_name = NODE_NAME
     _physics: PhysicsThread | None = None
     _inputs: CommandInputs | None = None
+    _standard: StandardServices | None = None
     _closed = False
 
     def _begin(self, robot: RobotDescription) -> None:
@@ -116,6 +118,7 @@ class Simulator(RobotNode):
             self.create_service(Trigger, f"~/{name}", _answering(action))
         self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self._standard = StandardServices(self, self._physics, self._publications.stamp)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
@@ -143,6 +146,8 @@ class Simulator(RobotNode):
             self._physics.close()
         if self._inputs is not None:
             self._inputs.action.close()
+        if self._standard is not None:
+            self._standard.close()
         self.destroy_node()
 
     @property

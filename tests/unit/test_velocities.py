@@ -128,6 +128,38 @@ def test_rigid_bodies_are_thrown_spun_and_pushed(backend: str) -> None:
     assert simulation.rigid_velocities[0] == pytest.approx([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
+def test_a_rigid_body_goes_on_from_where_it_is_put(backend: str) -> None:
+    falling = SceneDescription(name="fall", rigid_bodies=(box(mass=0.5, velocity=(1.0, 0.0, 0.0)),))
+    simulation = Simulation(falling, backend)  # type: ignore[arg-type]
+    simulation.step()
+    before = simulation.rigid_velocities
+    simulation.place_rigid_body("box", (3.0, 4.0, 5.0), (0.6 * 1.0005, 0.0, 0.0, 0.8 * 1.0005))
+    assert simulation.rigid_poses[0].position == pytest.approx([3.0, 4.0, 5.0])
+    assert simulation.rigid_poses[0].quaternion_xyzw == pytest.approx([0.6, 0.0, 0.0, 0.8])
+    assert simulation.rigid_velocities == pytest.approx(before)
+    simulation.step()
+    fallen = 9.81 * simulation.dt**2 * 2.0
+    assert simulation.rigid_poses[0].position == pytest.approx([3.0 + simulation.dt, 4.0, 5.0 - fallen])
+
+
+@pytest.mark.parametrize(
+    ("body", "position", "quaternion", "told"),
+    [
+        ("ball", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), "unknown rigid body with mass 'ball'; known: box"),
+        ("box", (0.0, 0.0), (0.0, 0.0, 0.0, 1.0), r"position of shape \(2,\) refused"),
+        ("box", (0.0, 0.0, np.nan), (0.0, 0.0, 0.0, 1.0), "not finite"),
+        ("box", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), "quaternion of length 0 refused: expected 1"),
+        ("box", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.1), "quaternion of length 1.1 refused"),
+    ],
+)
+def test_places_that_are_none_are_refused(body: str, position: Any, quaternion: Any, told: str) -> None:
+    simulation = Simulation(SceneDescription(name="stay", rigid_bodies=(box(mass=0.5),)))
+    before = simulation.snapshot()
+    with pytest.raises(CommandError, match=told):
+        simulation.place_rigid_body(body, position, quaternion)
+    assert simulation.snapshot() == before
+
+
 def test_a_moment_in_world_axes_turns_a_tilted_body() -> None:
     tilted = box(mass=0.5, pose=Placement(rotation_deg=(20.0, 30.0, 40.0)))
     simulation = Simulation(SceneDescription(name="turn", gravity=NO_GRAVITY, rigid_bodies=(tilted,)))
