@@ -247,6 +247,15 @@ class Client:
         threading.Event().wait(NEWS_S)
         return client
 
+    def in_turn(self, ask: Callable[[], Any]) -> Any:
+        """What `ask` returns in the thread that serves the node.
+
+        Rclpy's clients of actions drop an answer that another thread takes before the request is noted.
+        """
+        asked = self.node.executor.create_task(ask)
+        assert spin_until(asked.done)
+        return asked.result()
+
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
         """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
         return self._introductions.offered(node, namespace, services=services)

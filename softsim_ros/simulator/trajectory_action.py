@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse, ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from softsim_core.arrays import Array
@@ -187,6 +191,8 @@ class _Server(ActionServer):
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
         self._owner, codes = node, kind.Result
+        self._ended: deque[tuple[ServerGoalHandle, Outcome, Callable[[], None]]] = deque()
+        self._wake = node.create_guard_condition(self._deliver)
         self._codes = {
             End.REACHED: codes.SUCCESSFUL,
             End.LEFT_PATH: codes.PATH_TOLERANCE_VIOLATED,
@@ -209,19 +215,29 @@ class _Server(ActionServer):
 
     def finish(self, handle: ServerGoalHandle, outcome: Outcome, before: Callable[[], None]) -> None:
         """In the executor's turn: call `before`, then send the result."""
+        self._ended.append((handle, outcome, before))
+        with suppress(InvalidHandle):  # the node is gone
+            self._wake.trigger()
 
-        def report(ended: ServerGoalHandle) -> Any:
+    def destroy(self) -> None:
+        """Offer the action no longer."""
+        self._owner.destroy_guard_condition(self._wake)
+        super().destroy()
+
+    def _deliver(self) -> None:
+        while self._ended:
+            handle, outcome, before = self._ended.popleft()
             before()
-            if outcome.end is End.REACHED:
-                ended.succeed()
-            elif ended.is_cancel_requested:
-                ended.canceled()
-            else:
-                ended.abort()
-            return self.action_type.Result(error_code=self._codes[outcome.end], error_string=outcome.sentence)
+            super().notify_execute(handle, partial(self._report, outcome))
 
-        if self._owner.executor is not None:  # else nobody serves the node any more
-            super().notify_execute(handle, report)
+    def _report(self, outcome: Outcome, handle: ServerGoalHandle) -> Any:
+        if outcome.end is End.REACHED:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return self.action_type.Result(error_code=self._codes[outcome.end], error_string=outcome.sentence)
 
 
 def _point(elapsed: float, positions: Array, velocities: Array) -> JointTrajectoryPoint:

@@ -20,6 +20,9 @@ from softsim_ros.simulator.commanded import Progress
 ANY: Final = np.inf
 """A tolerance that nothing is outside of."""
 
+ROUNDING_S: Final = 1e-9
+"""Times of steps are sums, and rounded by less than this, in [s]."""
+
 
 class End(Enum):
     """How a goal ended."""
@@ -87,7 +90,7 @@ class FollowedGoal:
         outside = self._outside(self.goal, progress)
         if not outside:
             return Outcome(End.REACHED, "goal reached")
-        if elapsed > trajectory.duration + self.goal_time:
+        if elapsed > trajectory.duration + self.goal_time + ROUNDING_S:
             return Outcome(End.MISSED, f"goal tolerance violated: {outside}")
         return None
 

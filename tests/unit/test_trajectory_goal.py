@@ -80,7 +80,7 @@ def test_on_the_way_positions_and_velocities_are_kept() -> None:
 def test_the_goal_is_missed_after_its_time() -> None:
     late = SimpleNamespace(sec=0, nanosec=500_000_000)
     goal = followed_goal(message(goal_time_tolerance=late), WAY, JOINTS)
-    assert end_of(goal, step(1.49, error=1.0)) is None
+    assert end_of(goal, step(1.5 + 1e-12, error=1.0)) is None
     assert end_of(goal, step(1.51, error=1.0)) is End.MISSED
     assert end_of(goal, step(1.49, error=0.0)) is End.REACHED
 
