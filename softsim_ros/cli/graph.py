@@ -50,8 +50,15 @@ def observer() -> Iterator[Node]:
             node.destroy_node()
 
 
-def topic_rows(node: Node, hidden: tuple[str, ...] = ()) -> list[tuple[str, str, int, int]]:
-    """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled."""
+def topic_rows(
+    node: Node, shown: Callable[[str], bool] = lambda name: True
+) -> list[tuple[str, str, int, int]]:
+    """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled.
+
+    Args:
+        node: Whose view of the graph.
+        shown: Tells by its name whether a topic counts.
+    """
 
     def look() -> list[tuple[str, str, int, int]]:
         rows = []
@@ -63,7 +70,7 @@ def topic_rows(node: Node, hidden: tuple[str, ...] = ()) -> list[tuple[str, str,
                     node.get_subscriptions_info_by_topic(name),
                 )
             ]
-            if name not in hidden and any(others):
+            if shown(name) and any(others):
                 rows.append((name, ", ".join(types), others[0], others[1]))
         return sorted(rows)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-HIDDEN = ("/parameter_events", "/rosout")
+OF_ROS = ("/parameter_events", "/rosout")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
                 limit=None if arguments.full else 12,
                 wait_s=arguments.wait,
             )
-        rows = graph.topic_rows(observer, () if arguments.all else HIDDEN)
+        rows = graph.topic_rows(observer, lambda name: arguments.all or not _is_background(name))
     if not rows:
         print(f"no topics: no node runs in {graph.where()}; start one with: softsim up tripod")
         return 0
@@ -53,3 +53,8 @@ def _print_table(rows: list[tuple[str, str, int, int]]) -> None:
     widths = [max(len(str(row[column])) for row in [head, *rows]) for column in range(len(head))]
     for row in [head, *rows]:
         print("  ".join(f"{cell!s:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _is_background(name: str) -> bool:
+    """Whether a topic is ROS's own, or hidden by ROS's rule, such as those of an action."""
+    return name in OF_ROS or "/_" in name

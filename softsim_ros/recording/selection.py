@@ -33,4 +33,6 @@ class Selection:
         """Whether a topic of the graph is taken."""
         if self._names:
             return topic in self._names
+        if "/_" in topic:  # hidden, by ROS's rule, such as those of an action
+            return False
         return topic in SHARED or (topic.startswith(self._prefix) and topic not in self._left_out)

@@ -45,6 +45,7 @@ def test_the_clock_runs_at_its_speed_stops_and_jumps() -> None:
         ("/tripod_2/joint_states", False),
         ("/diagnostics", True),
         ("/rosout", False),
+        ("/tripod/joint_trajectory_controller/follow_joint_trajectory/_action/feedback", False),
     ],
 )
 def test_the_robot_s_topics_and_the_shared_ones_are_taken(topic: str, wanted: bool) -> None:

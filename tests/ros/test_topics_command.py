@@ -29,6 +29,7 @@ keep = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 latched = node.create_publisher(String, "name", keep)
 latched.publish(String(data="tripod"))
 states = node.create_publisher(JointState, "joint_states", 10)
+hidden = node.create_publisher(String, "reach/_action/feedback", 10)
 long = node.create_publisher(Float64MultiArray, "long", 10)
 message = JointState(name=["servo_0"], position=array.array("d", [-1.25]))
 def tick():
@@ -73,7 +74,10 @@ def test_live_topics_are_listed_with_their_ends() -> None:
     rows = [line.split() for line in done.stdout.splitlines()]
     assert rows[0] == ["topic", "type", "publishers", "subscribers"]
     assert ["/robot/joint_states", "sensor_msgs/msg/JointState", "1", "0"] in rows
-    assert not any(row[0] == "/rosout" for row in rows)
+    names = {row[0] for row in rows}
+    assert not names & {"/rosout", "/robot/reach/_action/feedback"}
+    everything = {line.split()[0] for line in topics("--all").stdout.splitlines()}
+    assert everything > names | {"/rosout", "/robot/reach/_action/feedback"}
 
 
 @pytest.mark.usefixtures("source")
