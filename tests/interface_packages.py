@@ -40,16 +40,23 @@ USED = (
 SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 
 
+def why_missing(name: str) -> str:
+    """Why the package is neither here nor can be made; empty where it is, or can."""
+    if importlib.util.find_spec(name) is not None:
+        return ""
+    missing = [each for each in ("gcc", "g++") if shutil.which(each) is None]
+    missing += [each for each in GENERATORS if importlib.util.find_spec(each) is None]
+    return f"{name} is not installed and cannot be made: no {', '.join(missing)}" if missing else ""
+
+
 @contextmanager
 def interface_package(name: str, folder: Path) -> Iterator[None]:
     """The package can be imported, in new processes, too; skips where none can be made."""
     if importlib.util.find_spec(name) is not None:
         yield
         return
-    missing = [each for each in ("gcc", "g++") if shutil.which(each) is None]
-    missing += [each for each in GENERATORS if importlib.util.find_spec(each) is None]
-    if missing:
-        pytest.skip(f"{name} is not installed and cannot be made: no {', '.join(missing)}")
+    if missing := why_missing(name):
+        pytest.skip(missing)
     package = Package(name, folder)
     package.generate()
     package.compile()
@@ -77,6 +84,7 @@ class Package:
 
     def generate(self) -> None:
         """Write the sources."""
+        self._folder.mkdir(parents=True, exist_ok=True)
         import rosidl_typesupport_c
         import rosidl_typesupport_fastrtps_c
         import rosidl_typesupport_introspection_c

@@ -35,8 +35,8 @@ FEATURES: Final = {
 }
 """The services, each with the features that it stands for."""
 
-MOST_STEPS: Final = 100_000
-"""More steps than this at once are refused: nobody waits so long for an answer."""
+MOST_STEPS: Final = 10_000
+"""More steps than this at once are refused: others are served more slowly while they are done."""
 
 LONGEST_FILTER: Final = 200
 MOST_REPEATS: Final = 3

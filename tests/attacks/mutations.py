@@ -14,10 +14,22 @@ LENGTHS = (0, 0, 1, 2, 3, 3, 3, 4, 7, 100, 3000)
 BITS = re.compile(r"(u?)int(\d+)")
 
 
+PARTS = {
+    "SendGoal": "SendGoalService",
+    "GetResult": "GetResultService",
+    "FeedbackMessage": "FeedbackMessage",
+}
+"""What rclpy calls the parts of an action, by the ends of their types' names."""
+
+
 def loaded(name: str) -> Any:
-    """The class of an interface such as std_msgs/msg/String."""
+    """The class of an interface such as std_msgs/msg/String, or of an action's services and feedback."""
     package, kind, type_name = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), type_name)
+    module = importlib.import_module(f"{package}.{kind}")
+    action, _, part = type_name.rpartition("_")
+    return (
+        getattr(getattr(module, action).Impl, PARTS[part]) if kind == "action" else getattr(module, type_name)
+    )
 
 
 class Mutations:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
+from interface_packages import interface_package, why_missing
 from mutations import Mutations, loaded
 from node_processes import (
     REPOSITORY,
@@ -34,6 +36,9 @@ from tcp_ports import free_port
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 NAMESPACE = "tripod"
+OPTIONAL = ("control_msgs", "simulation_interfaces")
+"""Packages that add an action and services, where they are or can be made."""
+
 BOARD = "servo_bridge.virtual_board_node"
 NODES = {
     "simulator": ("softsim_ros.simulator.simulator_node", {"robot": "tripod"}),
@@ -113,7 +118,10 @@ def nodes(
     monkeypatch.setenv("AUDIT_LOG", str(audit))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     start = ProcessGroup(tmp_path)
-    with private_ros(tmp_path) as domain:
+    with private_ros(tmp_path) as domain, ExitStack() as packages:
+        for name in OPTIONAL:
+            if not why_missing(name):
+                packages.enter_context(interface_package(name, tmp_path / "interfaces" / name))
         client = Client(domain, f"/{NAMESPACE}", start)
         try:
             yield client, all_running(start, client, tmp_path / "board")
@@ -263,6 +271,8 @@ def test_every_node_lives_and_touches_no_foreign_file(
     fire = Fire(client, Mutations(count, [*TEXTS, *bait.texts]), processes)
     assert len(fire.topics) >= 20
     assert len(fire.services) >= 7 * len(processes)
+    offered = {kind.partition("/")[0] for _, kind in fire.services}
+    assert offered >= {name for name in OPTIONAL if not why_missing(name)}
     before = {process: len(lines) for process, lines in opened(audit).items()}
     for number in range(count):
         fire.shoot()
