@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import operator
 import random
 import re
 from collections.abc import Sequence
@@ -15,21 +16,20 @@ BITS = re.compile(r"(u?)int(\d+)")
 
 
 PARTS = {
-    "SendGoal": "SendGoalService",
-    "GetResult": "GetResultService",
-    "FeedbackMessage": "FeedbackMessage",
+    **{each: each for each in ("Goal", "Feedback")},
+    **{each: f"Impl.{each}Service" for each in ("SendGoal", "GetResult")},
 }
-"""What rclpy calls the parts of an action, by the ends of their types' names."""
+"""Where rclpy keeps the parts of an action, by the ends of their types' names."""
 
 
 def loaded(name: str) -> Any:
-    """The class of an interface such as std_msgs/msg/String, or of an action's services and feedback."""
+    """The class of an interface such as std_msgs/msg/String, or of a part of an action."""
     package, kind, type_name = name.split("/")
-    module = importlib.import_module(f"{package}.{kind}")
     action, _, part = type_name.rpartition("_")
-    return (
-        getattr(getattr(module, action).Impl, PARTS[part]) if kind == "action" else getattr(module, type_name)
-    )
+    if part in PARTS:
+        path = f"{action}.{PARTS[part]}"
+        return operator.attrgetter(path)(importlib.import_module(f"{package}.action"))
+    return getattr(importlib.import_module(f"{package}.{kind}"), type_name)
 
 
 class Mutations:
