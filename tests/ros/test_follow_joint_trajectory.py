@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,11 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 from action_msgs.msg import GoalStatus  # noqa: E402
 from builtin_interfaces.msg import Duration  # noqa: E402
 from interface_packages import interface_package  # noqa: E402
+from node_processes import ProcessGroup, parameter_words  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import Bool  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 from waiting import spin_until  # noqa: E402
-
-from servo_bridge.state_topics import STATE_QOS  # noqa: E402
 
 ACTION = "joint_trajectory_controller/follow_joint_trajectory"
 JOINTS = ["servo_0", "servo_1", "servo_2"]
@@ -266,19 +266,24 @@ def test_missing_the_goal_aborts_after_the_time_that_was_given(arm: Arm) -> None
     assert "after 0.21 s, allowed are 0.02 rad" in sentence
 
 
-def test_the_e_stop_ends_a_goal_and_holds_off_others(arm: Arm) -> None:
-    publisher = arm.robot.client.node.create_publisher(Bool, "servo_bridge/e_stop_latched", STATE_QOS)
-    try:
-        sent = arm.start_long()
-        publisher.publish(Bool(data=True))
-        assert "goal given up: the e-stop was pressed" in sent.end()[2]
-        stands(arm)
-        assert not arm.send(arm.goal([(0.3, [-0.5] * 3)])).accepted
-        assert arm.robot.process.says("call servo_bridge/clear_e_stop")
-        publisher.publish(Bool(data=False))
-        assert spin_until(lambda: arm.send(arm.goal([(0.1, START)])).accepted)
-    finally:
-        arm.robot.client.node.destroy_publisher(publisher)
+def test_the_bridge_s_e_stop_ends_a_goal_and_holds_off_others(
+    arm: Arm, start_process: ProcessGroup, tmp_path: Path
+) -> None:
+    port = tmp_path / "board"
+    board = start_process("servo_bridge.virtual_board_node", "--ros-args", *parameter_words(link=port))
+    assert board.says("virtual board on")
+    values = {"port": port, "open_wait_s": 0.0, "autostart": "activate"}
+    bridge = start_process("servo_bridge.bridge_node", "--ros-args", *parameter_words(**values))
+    sent = arm.start_long()
+    assert arm.robot.client.call(Trigger, "servo_bridge/e_stop").success
+    assert "goal given up: the e-stop was pressed" in sent.end()[2]
+    stands(arm)
+    assert not arm.send(arm.goal([(0.3, [-0.5] * 3)])).accepted
+    assert arm.robot.process.says("call servo_bridge/clear_e_stop")
+    assert arm.robot.client.call(Trigger, "servo_bridge/clear_e_stop").success
+    assert spin_until(lambda: arm.send(arm.goal([(0.1, START)])).accepted)
+    assert bridge.end() == 0
+    assert board.end() == 0
 
 
 def test_the_controller_itself_gets_the_goals_while_it_is_there(arm: Arm) -> None:

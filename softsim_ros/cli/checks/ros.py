@@ -48,13 +48,12 @@ def client() -> list[Finding]:
 
 def _optional() -> list[Finding]:
     """What is offered where its message package is installed."""
-    here = {name: importlib.util.find_spec(name) is not None for name in OPTIONAL}
-    return [
-        Finding(Level.OK, name, f"here: {offer}", "")
-        if here[name]
-        else Finding(Level.OK, name, f"not here, nor is {offer}", "not on PyPI; apt's ROS 2 has it")
-        for name, offer in OPTIONAL.items()
-    ]
+    findings = []
+    for name, offer in OPTIONAL.items():
+        here = importlib.util.find_spec(name) is not None
+        told = f"here: {offer}" if here else f"not here (apt's ROS 2 has it); it brings {offer}"
+        findings.append(Finding(Level.OK, name, told))
+    return findings
 
 
 def mixture() -> list[Finding]:
