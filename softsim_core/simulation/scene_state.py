@@ -18,6 +18,7 @@ from softsim_core.dynamics.actuator_statics import command_gains, reduced_stiffn
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
+from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.iterations import IteratedStepper
 from softsim_core.dynamics.keeping_step import KeepingStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
@@ -88,7 +89,10 @@ class SceneState:
     def _euler_of(self, model: Model) -> IteratedStepper:
         settings = self.scene.solver
         once = make_stepper(model, self._backend, self._actuators, self._linear_solver)
-        return IteratedStepper(once, settings.iterations, settings.iteration_tolerance)
+        most = settings.iterations
+        if settings.time_integration == "bossak" and FreeTurning(model).bodies:
+            most = max(most, 2)  # linearised once, a free body gains energy as it turns
+        return IteratedStepper(once, most, settings.iteration_tolerance)
 
     def _part_stepper(self, dt: float) -> Stepper:
         """The scene's step with another dt in [s]."""

@@ -125,6 +125,10 @@ def test_its_clearing_moves_nothing_before_the_next_command(
     assert board.wait_for(lambda b: b.servo_bytes is not None and b.servo_bytes != REST)
     assert client.trigger("servo_bridge/e_stop").success
     assert client.trigger("servo_bridge/clear_e_stop").success
+    read = len(board.packets)
+    assert board.wait_for(
+        lambda b: len(b.packets) > read + 3
+    )  # what was sent before it may still be on the line
     board.clear()
     assert board.wait_for(
         lambda b: len(b.packets) > 50
