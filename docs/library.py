@@ -32,7 +32,8 @@ GROUPS: dict[str, str] = {
         "GeometricStiffness ActuatorView ActuatorKind"
     ),
     "The robot around it": (
-        "RobotDescription CommandSettings StartAnimation KeyBinding BoardDescription ServoCalibration "
+        "RobotDescription CommandSettings StartAnimation KeyBinding BoardDescription "
+        "BusServo ServoCalibration "
         "InverseSettings ViewSettings Camera Controller"
     ),
     "Scenes in Python": "Scene Part animated",

@@ -8,6 +8,7 @@ The board takes lines "S 90 90 *65" (degrees of the servos, then the sum of the 
 """
 
 import time
+from collections.abc import Sequence
 
 from servo_bridge.driver import ServoDriver
 from servo_bridge.protocols import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket, register
@@ -38,7 +39,7 @@ class MyBoard(BoardProtocol):
         return Decoded(recognised=READY in lines)
 
     @classmethod
-    def board_model(cls, servo_count: int) -> BoardModel:
+    def board_model(cls, servos: Sequence[ServoCalibration]) -> BoardModel:
         return MyBoardModel()
 
 
@@ -68,7 +69,7 @@ def create_scene(scene: Scene) -> None:
 
 if __name__ == "__main__":
     driver = ServoDriver(load_scene(__file__))
-    with VirtualBoard(servo_count=2, protocol="my_board") as board:
+    with VirtualBoard(servos=2, protocol="my_board") as board:
         driver.connect(board.port, quiet_s=1.0)
         while board.servo_bytes != (121, 99):
             driver.command([-1.0, -1.39])

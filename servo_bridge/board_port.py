@@ -115,6 +115,20 @@ class BoardPort:
 
         return close
 
+    def _ask(self) -> None:
+        """Ask a board that speaks only when it is asked; any other is told nothing.
+
+        Raises:
+            PortError: the port failed.
+        """
+        transport, link = self._transport, self.link
+        if transport is None or link is None:
+            return
+        with link.speaking() as board:
+            question = board.ask() if Ability.ASKED in board.abilities else b""
+        if question:
+            transport.write(question)
+
     def _say(self, word: Word) -> bool:
         """Write a word that says no pose; False, and nothing written, where the board does not know it.
 

@@ -172,8 +172,8 @@ def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) ->
     assert robot.board is not None
     say("Enter takes what is shown, q ends without a change.")
     results = []
-    for number, servo in enumerate(robot.board.servos, start=1):
-        say(f"\n{servo.joint}, servo {number} of {len(robot.board.servos)}")
+    for number, servo in enumerate(robot.board.hobby_servos, start=1):
+        say(f"\n{servo.joint}, servo {number} of {len(robot.board.hobby_servos)}")
         results.append(calibrated(servo, _observe(robot, servo, mover, ask, say)))
     return tuple(results)
 

@@ -4,7 +4,8 @@
     servos:
       - {joint: servo_0, zero_byte: 179, sign: 1, trim_deg: 2.0, byte_min: 62, byte_max: 178, rest_byte: 150}
 
-Every key but `joint` may be left out and is then the robot's own; so may a servo.
+The keys are those of the robot's file. Every key but `joint` may be left out and is then the robot's own; so
+may a servo.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from softsim_core.errors import ConfigError, SceneError, listing
-from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene.board import BusServo, Servo, ServoCalibration
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_source import read_yaml
 
-KEYS = ("joint", "zero_byte", "sign", "trim_deg", "byte_min", "byte_max", "rest_byte")
+AnyServo = TypeVar("AnyServo", ServoCalibration, BusServo)
 
 
 def default_file(robot: str) -> Path:
@@ -37,9 +38,7 @@ def file_for(choice: str, robot: str) -> Path | None:
     return Path(choice).expanduser() if choice else None
 
 
-def load_calibration(
-    file: Path, robot: str, servos: Sequence[ServoCalibration]
-) -> tuple[ServoCalibration, ...]:
+def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tuple[AnyServo, ...]:
     """The servos of a board with what the file says of them.
 
     Args:
@@ -82,11 +81,16 @@ def calibrated_robot(robot: RobotDescription, file: Path) -> RobotDescription:
     """
     if robot.board is None:
         raise SceneError(f"robot {robot.name} has no servo board to calibrate")
-    servos = load_calibration(file, robot.name, robot.board.servos)
-    return replace(robot, board=replace(robot.board, servos=servos))
+    board = robot.board
+    servos: tuple[Servo, ...]
+    if board.bus_servos:
+        servos = load_calibration(file, robot.name, board.bus_servos)
+    else:
+        servos = load_calibration(file, robot.name, board.hobby_servos)
+    return replace(robot, board=replace(board, servos=servos))
 
 
-def save_calibration(file: Path, robot: str, servos: Sequence[ServoCalibration]) -> None:
+def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
     """Write the file in one go: a reader, or a power cut, meets the old one or the new one, never half of it.
 
     Raises:
@@ -96,7 +100,7 @@ def save_calibration(file: Path, robot: str, servos: Sequence[ServoCalibration])
     lines += [f"robot: {robot}", "servos:"]
     for servo in servos:
         values = asdict(servo)
-        lines.append("  - {" + ", ".join(f"{key}: {values[key]}" for key in KEYS) + "}")
+        lines.append("  - {" + ", ".join(f"{key}: {value}" for key, value in values.items()) + "}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         number, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
@@ -115,15 +119,17 @@ def save_calibration(file: Path, robot: str, servos: Sequence[ServoCalibration])
         raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
 
 
-def _changed(servo: ServoCalibration, entry: dict[str, Any], file: Path, where: str) -> ServoCalibration:
+def _changed(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
+    known = asdict(servo)
     for key, value in entry.items():
-        if key not in KEYS:
-            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; known: {listing(KEYS)}")
+        if key not in known:
+            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; known: {listing(known)}")
         if key == "joint":
             continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or (key != "trim_deg" and not isinstance(value, int)):
-            wanted = "a number" if key == "trim_deg" else "a whole number"
+        any_number = isinstance(known[key], float)
+        if not number or not (any_number or isinstance(value, int)):
+            wanted = "a number" if any_number else "a whole number"
             raise ConfigError(file, f"{where}.{key}", f"must be {wanted}, not {value!r}")
         if key == "sign" and value not in (1, -1):
             raise ConfigError(file, f"{where}.sign", f"must be 1 or -1, not {value}")

@@ -15,19 +15,20 @@ from dataclasses import dataclass, replace
 
 from servo_bridge.board_port import BoardPort, Word
 from servo_bridge.board_pose import BoardPose
+from servo_bridge.bus_servo import within
 from servo_bridge.course import REST_REPEATS, Course
 from servo_bridge.e_stop import EStop
 from servo_bridge.errors import PortError, ProtocolError
 from servo_bridge.link import BoardLink
 from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
-from servo_bridge.safety import MotionSettings, ServoMotion, servo_limits
-from servo_bridge.servo import bytes_to_angles
+from servo_bridge.safety import MotionSettings, ServoMotion, rest_angle, servo_limits
 from servo_bridge.servo_commands import ServoCommands
 from servo_bridge.takeover import Takeover
 from servo_bridge.transport import SerialTransport
 from servo_bridge.wording import sentence
 from servo_bridge.writer import ends_in_time
 from softsim_core.errors import CommandError, SceneError
+from softsim_core.scene.board import BoardDescription, BusServo
 from softsim_core.scene.robot import RobotDescription
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
@@ -96,24 +97,21 @@ class ServoDriver(BoardPort):
             raise SceneError(
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
+        self.period = _period(robot.name, rate or robot.board.rate)
+        board = _board(robot, robot.board, 1.0 / self.period, baud_rate or robot.board.baud_rate)
         try:
-            spoken = candidates(protocol, robot.board)
+            spoken = candidates(protocol, board)
         except ProtocolError as error:
             raise SceneError(f"robot {robot.name}: {error}") from error
-        baud = baud_rate or spoken[-1].baud_rate or robot.board.baud_rate
-        super().__init__(robot.board, spoken, baud, on_tilt, clock)
+        super().__init__(board, spoken, baud_rate or spoken[-1].baud_rate or board.baud_rate, on_tilt, clock)
         self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         self._commands = ServoCommands(robot.joint_names, self.servo_joints)
-        joints = {joint.name: joint for joint in robot.joints}
-        for name in self.servo_joints:
-            if joints[name].kind != "revolute":
-                raise SceneError(f"robot {robot.name}: joint {name} of a servo must be revolute")
-        self.period = _period(robot.name, rate or self.board.rate)
+        limits = {joint.name: joint.limits for joint in robot.joints}
         self.motion = ServoMotion(
             self.servo_joints,
-            [servo_limits(servo, joints[servo.joint].limits) for servo in self.servos],
-            bytes_to_angles([servo.rest_byte for servo in self.servos], self.servos),
+            [servo_limits(servo, limits[servo.joint]) for servo in self.servos],
+            [rest_angle(servo) for servo in self.servos],
             e_stop=e_stop,
         )
         self._lock = threading.RLock()
@@ -323,6 +321,7 @@ class ServoDriver(BoardPort):
         if link.state(now) == WAITING:
             with self._lock:
                 self.motion.forget(now)
+            self._ask()
             return None
         if self.motion.e_stop.latched:
             if self._course.settles:
@@ -335,6 +334,7 @@ class ServoDriver(BoardPort):
         self.counts.restarts += restarted
         self._pose.look(link, now, stalled_s, restarted=restarted, listens=listens)
         if listens:
+            self._ask()
             return None
         if question := self._pose.question(link):
             transport.write(question)
@@ -350,6 +350,7 @@ class ServoDriver(BoardPort):
             with link.speaking() as board:
                 board.avoid_byte_100 = self.avoid_byte_100
                 packet = board.encode(positions)
+                measured = board.measured() if Ability.MEASURES in board.abilities else None
             transport.write(packet.data)
         except PortError:
             with self._lock:
@@ -358,7 +359,8 @@ class ServoDriver(BoardPort):
         self.counts.packets += 1
         self.counts.avoided += packet.avoided
         self._pose.moved = True
-        self.sent_bytes, self._applied = packet.servo_bytes, packet.angles_rad
+        self.sent_bytes = packet.servo_bytes
+        self._applied = packet.angles_rad if measured is None else tuple(measured)
         with self._lock:
             if self._course.sent(self.motion, now):
                 self._end_course()
@@ -373,8 +375,28 @@ class ServoDriver(BoardPort):
         self._told = False
 
     def applied_angles(self) -> tuple[float, ...]:
-        """Nominal joint angles in [rad] of what was last sent, in servo order; NaN before the first."""
+        """Joint angles in [rad], in servo order: as measured where the servos do, else the nominal ones sent.
+
+        NaN before the first packet.
+        """
         return self._applied
+
+
+def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_rate: int) -> BoardDescription:
+    """The board as it is used: its servos on a bus narrowed to the limits of their joints.
+
+    Raises:
+        SceneError: a joint of a servo does not turn, or a servo's rest lies outside the limits.
+    """
+    joints = {joint.name: joint for joint in robot.joints}
+    for servo in board.servos:
+        if joints[servo.joint].kind != "revolute":
+            raise SceneError(f"robot {robot.name}: joint {servo.joint} of a servo must be revolute")
+    servos = tuple(
+        within(servo, joints[servo.joint].limits) if isinstance(servo, BusServo) else servo
+        for servo in board.servos
+    )
+    return replace(board, servos=servos, rate=rate, baud_rate=baud_rate)
 
 
 def _period(robot: str, rate: float) -> float:

@@ -10,11 +10,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from servo_bridge.bus_servo import pulse_to_angle, within
 from servo_bridge.e_stop import EStop
 from servo_bridge.servo import byte_to_angle
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.limits import JointLimits, check_command
-from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene.board import BusServo, Servo
 
 MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
 
@@ -42,22 +43,37 @@ class MotionSettings:
     longest_step_s: float = 0.04
 
 
-def servo_limits(servo: ServoCalibration, limits: JointLimits) -> JointLimits:
-    """The joint's limits, narrowed to the angles that the servo's bytes can express.
+def servo_limits(servo: Servo, limits: JointLimits) -> JointLimits:
+    """The joint's limits, narrowed to the angles that the servo's bytes or pulses can express.
 
     Speed and acceleration are finite: those of a small hobby servo where the joint sets none.
 
     Raises:
-        SceneError: nothing is left, or the rest byte's angle lies outside.
+        SceneError: nothing is left, or the rest angle lies outside.
     """
+    if isinstance(servo, BusServo):
+        narrow = within(servo, limits)
+        ends = sorted(pulse_to_angle(pulse, servo) for pulse in (narrow.pulse_min, narrow.pulse_max))
+        return _finite(ends[0], ends[1], limits)
     ends = sorted(byte_to_angle(value, servo) for value in (servo.byte_min, servo.byte_max))
     lower, upper = max(limits.lower, ends[0]), min(limits.upper, ends[1])
-    rest = byte_to_angle(servo.rest_byte, servo)
+    rest = rest_angle(servo)
     if not lower <= rest <= upper:
         raise SceneError(
             f"servo {servo.joint}: rest_byte {servo.rest_byte} is {rest:.4f} rad, outside what limits"
             f" and byte range allow, [{lower:.4f}, {upper:.4f}] rad; change rest_byte or the limits"
         )
+    return _finite(lower, upper, limits)
+
+
+def rest_angle(servo: Servo) -> float:
+    """Joint angle in [rad] of a servo's rest byte or pulse."""
+    if isinstance(servo, BusServo):
+        return pulse_to_angle(servo.rest_pulse, servo)
+    return byte_to_angle(servo.rest_byte, servo)
+
+
+def _finite(lower: float, upper: float, limits: JointLimits) -> JointLimits:
     return JointLimits(
         lower,
         upper,

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from servo_bridge.protocols import AUTO, model_of_board
 from servo_bridge.pty_board import MasterEnd, PtyBoard
+from softsim_core.scene.board import Servo, ServoCalibration
 
 START_S = 0.2
 """Time in [s] from the opening of the port to the first word; a real board's boot loader takes 1.4 s."""
@@ -27,7 +29,7 @@ IDLE_POLL_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPacket:
-    """Servo bytes of one accepted packet and when it came, on `time.monotonic`, in [s]."""
+    """Servo bytes, or pulses, of one accepted packet and when it came, on `time.monotonic`, in [s]."""
 
     time_s: float
     servo_bytes: tuple[int, ...]
@@ -37,10 +39,10 @@ class VirtualBoard(PtyBoard):
     """A pseudo-terminal with a model of a servo board behind it; use it as a context manager.
 
     Args:
-        servo_count: Servo bytes in a packet.
+        servos: What it drives; a number stands for so many hobby servos.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
         log_length: Packets kept in `packets`; older ones are forgotten.
-        protocol: Name of the protocol it speaks; auto: one that does not say what it is.
+        protocol: Name of the protocol it speaks; auto: one that does not say what it is, or a bus of servos.
 
     Attributes:
         model: What is behind the port.
@@ -52,14 +54,15 @@ class VirtualBoard(PtyBoard):
 
     def __init__(
         self,
-        servo_count: int = 3,
+        servos: int | Sequence[Servo] = 3,
         link: Path | str | None = None,
         log_length: int = 100_000,
         protocol: str = AUTO,
     ) -> None:
         super().__init__(link)
-        self.servo_count = servo_count
-        self.model = model_of_board(protocol, servo_count)
+        if isinstance(servos, int):
+            servos = [ServoCalibration(joint=f"servo_{number}") for number in range(servos)]
+        self.model = model_of_board(protocol, servos)
         self._say_due = 0.0
         self._log: deque[ReceivedPacket] = deque(maxlen=log_length)
         self._servo_bytes: tuple[int, ...] | None = None
@@ -67,7 +70,7 @@ class VirtualBoard(PtyBoard):
 
     @property
     def servo_bytes(self) -> tuple[int, ...] | None:
-        """What the servos are told now, in [deg] of the servo; None before the first packet (no pulses)."""
+        """What the servos are told now, in degrees or pulses; None before the first packet."""
         with self._changed:
             return self._servo_bytes
 
@@ -123,6 +126,7 @@ class VirtualBoard(PtyBoard):
                 continue
             with self._changed:
                 self.model.advance(time.monotonic())
+                self._changed.notify_all()
             if end.pause(IDLE_POLL_S):
                 return
 
@@ -140,6 +144,7 @@ class VirtualBoard(PtyBoard):
             return
         with self._changed:
             data = self.model.say(now)
+            self._changed.notify_all()
         self._say_due = now + period_s
         if data:
             end.write(data)
@@ -161,7 +166,7 @@ class VirtualBoard(PtyBoard):
             for servo_bytes in self.model.feed(data, now):
                 self._servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))
-            answer = self.model.say(now) if self.model.say_period_s is None else b""
+            answer = self.model.answer(now)
             self._changed.notify_all()
         if answer:
             end.write(answer)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import UInt8MultiArray, UInt16MultiArray
 
 from servo_bridge.board_node import BoardNode, BoardSettings, add_link
+from servo_bridge.named_files import load_robot
 from servo_bridge.parameters import robot_namespace
 from servo_bridge.protocols import AUTO, names
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import listing
+from softsim_core.scene.board import BoardDescription, Servo
 from softsim_node.help import Program
 from softsim_node.parameters import parameter
 from softsim_node.process import run_node
@@ -26,10 +29,11 @@ from softsim_node.process import run_node
 class VirtualBoardSettings(BoardSettings):
     """Values of the parameters."""
 
-    servos: int = parameter(3, "Servo bytes in a packet", within=(1, 16), fixed=True)
+    servos: int = parameter(0, "Servo bytes in a packet; 0: the robot's servos", within=(0, 16), fixed=True)
     protocol: str = parameter(
-        AUTO,
-        f"Protocol that it speaks: {AUTO} (one that does not say what it is), {listing(names())}",
+        "",
+        f"Protocol that it speaks: {AUTO} (one that does not say what it is), {listing(names())}; empty: as"
+        " the robot's file says",
         fixed=True,
     )
 
@@ -48,9 +52,12 @@ KEPT = 100
 
 
 class VirtualBoardNode(BoardNode):
-    """A virtual board and what its servos are told, on `virtual_board/servo_bytes` (bytes in [deg]).
+    """A virtual board and what its servos are told.
+
+    Hobby servos: on `virtual_board/servo_bytes`, in [deg]; servos on a bus: on `virtual_board/servo_pulses`.
 
     Args:
+        described: Board of the robot; None takes the one of the parameter `robot`.
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
         show: Write the port's name and a status line to standard output.
         node_name: Name of the node.
@@ -67,34 +74,43 @@ class VirtualBoardNode(BoardNode):
     def __init__(
         self,
         *,
+        described: BoardDescription | None = None,
         link: str | None = None,
         show: bool = False,
         node_name: str = "virtual_board",
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        self.board = VirtualBoard(
-            self.settings.servos, self.link_path, protocol=self.settings.protocol, log_length=KEPT
-        )
+        servos: int | Sequence[Servo] = self.settings.servos
+        protocol = self.settings.protocol
+        if described is None and not (servos and protocol):
+            described = load_robot(self.settings.robot).board
+        if described is not None:
+            servos, protocol = servos or described.servos, protocol or described.protocol
+        self.board = VirtualBoard(servos, self.link_path, protocol=protocol or AUTO, log_length=KEPT)
         self._seen = 0
-        self._bytes: Publisher = self.create_publisher(
-            UInt8MultiArray, "virtual_board/servo_bytes", QoSProfile(depth=10)
+        self._in_degrees = self.board.model.largest <= 255
+        self._told: Publisher = self.create_publisher(
+            UInt8MultiArray if self._in_degrees else UInt16MultiArray,
+            f"virtual_board/servo_{'bytes' if self._in_degrees else 'pulses'}",
+            QoSProfile(depth=10),
         )
         self.begin("virtual board", PUBLISH_PERIOD_S)
 
     @property
     def pose_text(self) -> str:
-        """Servo bytes, and how many packets were dropped."""
-        servo_bytes = self.board.servo_bytes
-        pose = "no pulses yet" if servo_bytes is None else " ".join(f"{value:3d}°" for value in servo_bytes)
+        """What the servos are told, and how many packets were dropped."""
+        told, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
+        pose = "told nothing yet" if told is None else " ".join(f"{value:3d}{unit}" for value in told)
         return f"servos {pose}  dropped {self.board.dropped}"
 
     def publish_pose(self) -> None:
-        """Publish the servo bytes of a new packet."""
+        """Publish what a new packet tells the servos."""
         accepted, servo_bytes = self.board.accepted, self.board.servo_bytes
         if accepted != self._seen and servo_bytes is not None and self.context.ok():
             self._seen = accepted
-            self._bytes.publish(UInt8MultiArray(data=bytes(servo_bytes)))
+            data = bytes(servo_bytes) if self._in_degrees else array("H", servo_bytes)
+            self._told.publish((UInt8MultiArray if self._in_degrees else UInt16MultiArray)(data=data))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     )
     from softsim_core.mesh.shapes import Shape, surface_of
     from softsim_core.scene import find_config, known_scenes, load_scene
-    from softsim_core.scene.board import BoardDescription, ServoCalibration
+    from softsim_core.scene.board import BoardDescription, BusServo, ServoCalibration
     from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
     from softsim_core.scene.description import (
         AddedMassDescription,
@@ -112,6 +112,7 @@ __all__ = [
     "BoardDescription",
     "BodyDescription",
     "Box",
+    "BusServo",
     "CableDescription",
     "CableView",
     "Camera",
@@ -243,7 +244,7 @@ _NAMES = {
     ),
     "softsim_core.mesh.shapes": "Shape surface_of",
     "softsim_core.scene": "find_config known_scenes load_scene",
-    "softsim_core.scene.board": "BoardDescription ServoCalibration",
+    "softsim_core.scene.board": "BoardDescription BusServo ServoCalibration",
     "softsim_core.scene.control": "CommandSettings InverseSettings KeyBinding StartAnimation",
     "softsim_core.scene.description": (
         "AddedMassDescription AttachmentDescription BodyDescription JointDescription SceneDescription "

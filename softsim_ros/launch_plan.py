@@ -144,9 +144,10 @@ def _hardware(wishes: Wishes, robot: RobotDescription, namespace: str) -> list[P
     if board != "real":
         port = link
         values: dict[str, str | float] = {"link": link}
+        if robot.board is not None and robot.board.bus_servos:
+            board = "virtual"  # it emulates such servos; the emulated board is firmware for hobby servos
         if board == "virtual":
-            assert robot.board is not None
-            values |= {"servos": len(servos), "protocol": robot.board.protocol}
+            values |= {"robot": wishes.robot}
             quiet = {"open_wait_s": 0.0}  # a virtual board has no boot loader to wait for
         nodes.append(PlannedNode("servo_bridge", f"{board}_board", values, ends_all=True))
     parameters = {"robot": wishes.robot, "port": port, "source": wishes.source, "autostart": wishes.autostart}

@@ -54,6 +54,7 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("inverse", core.InverseSettings),
     ("board", core.BoardDescription),
     ("servos", core.ServoCalibration),
+    ("servos on a bus", core.BusServo),
     ("view", core.ViewSettings),
     ("camera", core.Camera),
 )

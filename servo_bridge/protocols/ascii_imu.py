@@ -19,7 +19,7 @@ from servo_bridge.protocols.protocol import (
 )
 from servo_bridge.protocols.tilt_lines import LONGEST_LINE, LineParser, text_of
 from servo_bridge.servo import angles_to_bytes, bytes_to_angles
-from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.board import BoardDescription, Servo
 
 ASCII_BAUD_RATE = 57600
 """Bits a second of boards that speak this protocol."""
@@ -42,7 +42,7 @@ class AsciiImuProtocol(BoardProtocol):
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
         """Servos that may be sent beyond 60..180 do not fit."""
-        for servo in board.servos:
+        for servo in board.hobby_servos:
             if servo.byte_min < BYTE_LOW or servo.byte_max > BYTE_HIGH:
                 return (
                     f"servo {servo.joint}: the text protocol allows bytes {BYTE_LOW}..{BYTE_HIGH}, not"
@@ -51,9 +51,9 @@ class AsciiImuProtocol(BoardProtocol):
         return ""
 
     @classmethod
-    def board_model(cls, servo_count: int) -> BoardModel:
+    def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
         """A level board that keeps the newest line."""
-        return AsciiImuBoard(servo_count)
+        return AsciiImuBoard(len(servos))
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
         """One line; it holds digits, blanks and a line feed, and so never a byte 100."""

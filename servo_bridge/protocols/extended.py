@@ -24,7 +24,7 @@ from servo_bridge.protocols.protocol import (
 )
 from servo_bridge.protocols.tilt_lines import LineParser, text_of
 from servo_bridge.servo import PULSE_US_PER_180, angle_to_width, width_limits, width_to_angle, width_to_byte
-from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.board import BoardDescription, Servo
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
 
@@ -89,9 +89,9 @@ class ExtendedProtocol(BoardProtocol):
         )
 
     @classmethod
-    def board_model(cls, servo_count: int) -> BoardModel | None:
+    def board_model(cls, servos: Sequence[Servo]) -> BoardModel | None:
         """The firmware's model, of three servos."""
-        return ExtendedBoard(PacketParser(servo_count)) if servo_count == frames.SERVOS else None
+        return ExtendedBoard(PacketParser(frames.SERVOS)) if len(servos) == frames.SERVOS else None
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
         """A SET frame of pulse widths."""

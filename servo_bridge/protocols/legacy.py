@@ -13,7 +13,7 @@ from servo_bridge.errors import PacketError
 from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
 from servo_bridge.protocols.tilt_lines import LineParser, text_of
 from servo_bridge.servo import angles_to_bytes, bytes_to_angles
-from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
 
 HEADER = 255
 """First byte of a packet; servo bytes never reach it."""
@@ -38,9 +38,9 @@ class LegacyProtocol(BoardProtocol):
         self._lines = LineParser()
 
     @classmethod
-    def board_model(cls, servo_count: int) -> BoardModel:
+    def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
         """A board that keeps the newest whole packet."""
-        return LegacyBoard(servo_count)
+        return LegacyBoard(len(servos))
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
         """Header and degree bytes; a byte 100 becomes 101 unless that is switched off."""

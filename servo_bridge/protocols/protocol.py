@@ -16,7 +16,7 @@ from enum import Flag
 from typing import ClassVar, final
 
 from softsim_core.errors import CommandError
-from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
 
 
 class Ability(Flag):
@@ -26,9 +26,12 @@ class Ability(Flag):
         ones by that; where the protocol is named, a board that does not say it is refused.
     TELEMETRY: it keeps talking unasked; 0.5 s of silence is a lost board.
     IMU: it reports tilts.
+    ASKED: it speaks only when it is asked, and is: as soon as its port is open, and then all the time. Only
+        where the robot's servos or a name leave no other protocol.
     HOLD: it can be told to stay where it is, as while the e-stop is latched.
     RELAX: it can be told to switch its pulses off.
-    LIMITS: it takes the servos' ranges and keeps them itself.
+    LIMITS: it has to be told something before its pose is taken over: ranges that it keeps, or to get ready.
+    MEASURES: its servos tell where they stand, as measured: that is published, and not what they were told.
     REST: it goes to its rest pose by itself where nothing comes any more.
     """
 
@@ -39,6 +42,8 @@ class Ability(Flag):
     RELAX = 16
     LIMITS = 32
     REST = 64
+    ASKED = 128
+    MEASURES = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +71,8 @@ class EncodedPacket:
 
     Attributes:
         data: Bytes for one write.
-        servo_bytes: Degrees of the servos, in packet order; rounded where the packet is finer.
+        servo_bytes: Degrees of hobby servos, in packet order, rounded where the packet is finer; pulses of
+            servos on a bus.
         angles_rad: Nominal joint angles of what the packet says, in [rad], in packet order.
         avoided: Whether a byte 100 was replaced.
     """
@@ -99,9 +105,11 @@ class BoardModel(ABC):
 
     Attributes:
         say_period_s: How often it speaks unasked, in [s]; None: only in answer to what it is fed.
+        largest: Largest number of a pose: degrees, or pulses.
     """
 
     say_period_s: float | None = None
+    largest: int = 180
 
     @property
     @abstractmethod
@@ -115,7 +123,7 @@ class BoardModel(ABC):
 
     @abstractmethod
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Take bytes; the poses accepted among them as degrees of the servos, rounded, oldest first."""
+        """Take bytes; the poses accepted among them as `EncodedPacket.servo_bytes` has them, oldest first."""
 
     @abstractmethod
     def reset(self, cause: int) -> None:
@@ -128,6 +136,10 @@ class BoardModel(ABC):
     def say(self, now: float) -> bytes:
         """What the board says now; called at its period, or after `feed`."""
         return b""
+
+    def answer(self, now: float) -> bytes:
+        """What the board says at once to what it was fed."""
+        return self.say(now) if self.say_period_s is None else b""
 
     def advance(self, now: float) -> None:
         """Let time pass, where nobody listens; nothing to do for a board that does not move by itself."""
@@ -150,7 +162,10 @@ class BoardProtocol(ABC):
         board: The robot's board; its servos give number and order of the angles.
 
     Attributes:
+        servos: The board's hobby servos.
+        joints: Joint of each servo.
         name: Word for the parameter `protocol` and for a robot's board settings.
+        drives: Kind of servos that such a board drives.
         abilities: What such a board can do.
         baud_rate: Bits a second of all boards of this protocol; None: as the robot's board settings say.
         advice: What to do where no such board answers, for messages.
@@ -160,13 +175,15 @@ class BoardProtocol(ABC):
     """
 
     name: ClassVar[str]
+    drives: ClassVar[type] = ServoCalibration
     abilities: ClassVar[Ability] = Ability(0)
     baud_rate: ClassVar[int | None] = None
     advice: ClassVar[str] = "check which board it is, or set the parameter protocol to auto"
-    top_speed: ClassVar[float] = math.inf
+    top_speed: float = math.inf
 
     def __init__(self, board: BoardDescription) -> None:
-        self.board, self.servos = board, board.servos
+        self.board, self.servos = board, board.hobby_servos
+        self.joints = tuple(servo.joint for servo in board.servos)
         self.avoid_byte_100 = True
 
     @classmethod
@@ -175,7 +192,7 @@ class BoardProtocol(ABC):
         return ""
 
     @classmethod
-    def board_model(cls, servo_count: int) -> BoardModel | None:
+    def board_model(cls, servos: Sequence[Servo]) -> BoardModel | None:
         """A board of this protocol without hardware, for tests and demos; None where there is no model."""
         return None
 
@@ -189,15 +206,15 @@ class BoardProtocol(ABC):
         Raises:
             CommandError: wrong number of angles, or one that is not finite; nothing is encoded.
         """
-        if len(angles_rad) != len(self.servos):
+        if len(angles_rad) != len(self.joints):
             raise CommandError(
-                f"packet of {len(angles_rad)} angles refused: the board has {len(self.servos)} servos"
-                f" ({', '.join(servo.joint for servo in self.servos)})"
+                f"packet of {len(angles_rad)} angles refused: the board has {len(self.joints)} servos"
+                f" ({', '.join(self.joints)})"
             )
-        for angle, servo in zip(angles_rad, self.servos, strict=True):
+        for angle, joint in zip(angles_rad, self.joints, strict=True):
             if not math.isfinite(angle):
                 raise CommandError(
-                    f"angle {angle} for joint {servo.joint} refused: expected a finite number of radians"
+                    f"angle {angle} for joint {joint} refused: expected a finite number of radians"
                 )
         return self.encode_pose(angles_rad)
 
@@ -218,12 +235,19 @@ class BoardProtocol(ABC):
         """Why the board that was recognised cannot be driven, as "speaks version 2 ..."; empty: it can."""
         return ""
 
+    def ask(self) -> bytes:
+        """Packet that asks the board what is to be known of it next (ability ASKED); it moves nothing.
+
+        Sent whenever it is time for a packet and no other is sent.
+        """
+        return b""
+
     def begin_takeover(self) -> None:
         """The board's pose is not known any more: what it said so far does not count as an answer."""
         return
 
     def limits(self) -> bytes:
-        """Packet that tells the board the ranges of its servos (ability LIMITS).
+        """Packet that tells the board the ranges of its servos, or to get ready (ability LIMITS).
 
         Sent when the board (re)started, and before its pose is taken over: again until `acknowledged`.
         """
@@ -235,6 +259,10 @@ class BoardProtocol(ABC):
 
     def pose(self) -> Sequence[float] | None:
         """Joint angles in [rad] at which the board stands; None where it has no pulses."""
+        return None
+
+    def measured(self) -> Sequence[float] | None:
+        """Joint angles in [rad] as the servos measured last (ability MEASURES); None before the first."""
         return None
 
     def deviation(self) -> str:

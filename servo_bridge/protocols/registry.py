@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from servo_bridge.errors import ProtocolError
 from servo_bridge.protocols.ascii_imu import AsciiImuProtocol
+from servo_bridge.protocols.dynamixel import DynamixelProtocol
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.legacy import LegacyProtocol
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
 from softsim_core.errors import listing
-from softsim_core.scene.board import BoardDescription
+from softsim_core.scene.board import BoardDescription, Servo
 
 AUTO = "auto"
 """Stands for: find out by listening; a board that says nothing of its own is taken for `FALLBACK`."""
@@ -23,9 +25,14 @@ WAITING = "waiting"
 """State of a link whose board is not known yet; like `AUTO` no name of a protocol."""
 
 FALLBACK: type[BoardProtocol] = LegacyProtocol
-"""Protocol of a board that does not say what it is."""
+"""Protocol of a board of hobby servos that does not say what it is."""
 
-_BUILT_IN: tuple[type[BoardProtocol], ...] = (LegacyProtocol, ExtendedProtocol, AsciiImuProtocol)
+_BUILT_IN: tuple[type[BoardProtocol], ...] = (
+    LegacyProtocol,
+    ExtendedProtocol,
+    AsciiImuProtocol,
+    DynamixelProtocol,
+)
 _registered: dict[str, type[BoardProtocol]] = {each.name: each for each in _BUILT_IN}
 
 _METHODS = {
@@ -34,6 +41,8 @@ _METHODS = {
     Ability.HOLD: "hold",
     Ability.RELAX: "relax",
     Ability.LIMITS: "limits",
+    Ability.ASKED: "ask",
+    Ability.MEASURES: "measured",
 }
 
 Protocol = TypeVar("Protocol", bound=type[BoardProtocol])
@@ -111,33 +120,55 @@ def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol
     chosen = board.protocol if choice == AUTO else choice
     if chosen != AUTO:
         protocol = protocol_named(chosen)
-        if problem := protocol.refusal(board):
+        if problem := _refusal(protocol, board):
             raise ProtocolError(problem)
         return (protocol,)
-    detecting = (
+    possible = [
         each
         for each in _BUILT_IN
-        if Ability.DETECT in each.abilities
+        if (Ability.DETECT in each.abilities or each is FALLBACK)
         and each.baud_rate in (None, board.baud_rate)
-        and not each.refusal(board)
-    )
-    return (*detecting, FALLBACK)
+    ]
+    fitting = [each for each in possible if not _refusal(each, board)]
+    if not fitting:
+        raise ProtocolError("; ".join(_refusal(each, board) for each in possible if _drives(each, board)))
+    return tuple(sorted(fitting, key=lambda each: each is FALLBACK))
 
 
-def model_of_board(choice: str, servo_count: int) -> BoardModel:
-    """A board without hardware that speaks a protocol; `AUTO` is a board that does not say what it is.
+def model_of_board(choice: str, servos: Sequence[Servo]) -> BoardModel:
+    """A board without hardware that speaks a protocol.
+
+    Args:
+        choice: Name of a protocol; `AUTO`: a board that does not say what it is, or a bus of servos.
+        servos: What it drives.
 
     Raises:
         ProtocolError: unknown name, or a protocol without a model of its board.
     """
-    protocol = FALLBACK if choice == AUTO else protocol_named(choice)
-    model = protocol.board_model(servo_count)
+    board = BoardDescription(servos=tuple(servos), baud_rate=1_000_000)
+    protocol = candidates(AUTO, board)[-1] if choice == AUTO else protocol_named(choice)
+    model = protocol.board_model(servos) if _drives(protocol, board) else None
     if model is None:
         raise ProtocolError(
-            f"the protocol {protocol.name} has no model of a board with {servo_count} servos; use a real"
+            f"the protocol {protocol.name} has no model of a board with {len(servos)} servos; use a real"
             " board, or define its method board_model"
         )
     return model
+
+
+def _drives(protocol: type[BoardProtocol], board: BoardDescription) -> bool:
+    return all(isinstance(servo, protocol.drives) for servo in board.servos)
+
+
+def _refusal(protocol: type[BoardProtocol], board: BoardDescription) -> str:
+    """Why a board cannot be driven in a protocol; empty where it can."""
+    if _drives(protocol, board):
+        return protocol.refusal(board)
+    kind = "servos on a bus, which have an id" if board.hobby_servos else "hobby servos, which have no id"
+    return (
+        f"the {protocol.name} protocol drives {kind}, and {board.servos[0].joint} is none; change the"
+        " board's servos, or the parameter protocol"
+    )
 
 
 def _origin(protocol: type[BoardProtocol]) -> tuple[str, str]:

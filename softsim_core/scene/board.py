@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from softsim_core.errors import SceneError
 from softsim_core.values import FieldError, need_positive
@@ -36,18 +36,55 @@ class ServoCalibration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardDescription:
-    """The serial board that drives the servos.
+class BusServo:
+    """From joint angle to the position of a servo on a bus: round(sign * angle * 4096 / 2 pi) + zero_pulse.
+
+    Such a servo has a number on the bus, measures where it stands, and takes goals of 4096 pulses a turn.
+    Goals beyond its range, or beyond the joint's limits, are clipped.
 
     Attributes:
-        servos: Calibrations in packet order.
+        joint: Name of the joint.
+        id: Number on the bus, 0..252.
+        zero_pulse: Pulse at joint angle 0.
+        sign: +1 or -1.
+        pulse_min, pulse_max: Range the servo may be sent to, within 0..4095.
+        rest_pulse: Safe pulse before start and after the end.
+        speed: The servo itself goes no faster, in [rad/s]; a second guard behind the joint's own limit.
+    """
+
+    joint: str
+    id: int
+    zero_pulse: int = 2048
+    sign: Literal[1, -1] = 1
+    pulse_min: int = 0
+    pulse_max: int = 4095
+    rest_pulse: int = 2048
+    speed: float = 7.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.id <= 252:
+            raise FieldError(f"servo {self.joint}", "id", self.id, "in 0..252")
+        if not 0 <= self.pulse_min <= self.rest_pulse <= self.pulse_max <= 4095:
+            raise SceneError(f"servo {self.joint}: needs 0 <= pulse_min <= rest_pulse <= pulse_max <= 4095")
+        need_positive(f"servo {self.joint}", "speed", self.speed, "rad/s")
+
+
+Servo: TypeAlias = ServoCalibration | BusServo
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardDescription:
+    """The serial board that drives the servos, or the bus that they are on.
+
+    Attributes:
+        servos: Calibrations in packet order; those with an `id` are servos on a bus, and then all are.
         baud_rate: Bits a second.
         header: First byte of a packet of degree bytes; servo bytes never reach it.
         rate: Packets a second in [Hz].
         protocol: Name of the protocol that it speaks; auto: the bridge finds out.
     """
 
-    servos: tuple[ServoCalibration, ...]
+    servos: tuple[Servo, ...]
     baud_rate: int = 115200
     header: int = 255
     rate: float = 50.0
@@ -59,3 +96,23 @@ class BoardDescription:
         if not 180 < self.header <= 255:
             raise FieldError("board", "header", self.header, "in 181..255, above every servo byte")
         need_positive("board", "rate", self.rate, "Hz")
+        if self.hobby_servos and self.bus_servos:
+            raise SceneError("board: some servos have an id and some have none; give an id to all or to none")
+        taken: dict[int, str] = {}
+        for servo in self.bus_servos:
+            if servo.id in taken:
+                raise SceneError(
+                    f"board: servos {taken[servo.id]} and {servo.joint} both have id {servo.id}; every servo"
+                    " needs its own"
+                )
+            taken[servo.id] = servo.joint
+
+    @property
+    def hobby_servos(self) -> tuple[ServoCalibration, ...]:
+        """The servos where they are hobby servos, in packet order; else none."""
+        return tuple(each for each in self.servos if isinstance(each, ServoCalibration))
+
+    @property
+    def bus_servos(self) -> tuple[BusServo, ...]:
+        """The servos where they are on a bus, in packet order; else none."""
+        return tuple(each for each in self.servos if isinstance(each, BusServo))

@@ -24,6 +24,7 @@ from softsim_core.actuation.registry import described_kinds
 from softsim_core.errors import ConfigError, SceneError, listing
 from softsim_core.fem.materials.elastomers import DEFAULT_FIT, elastomer
 from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.board import BusServo, ServoCalibration
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
 from softsim_core.scene.material import MaterialDescription, law_parameters
@@ -403,6 +404,12 @@ def _converter(find_files: bool) -> Any:
     def points_or_file(value: Any, _: Any) -> Any:
         return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
 
+    def servo(value: Any, _: Any) -> Any:
+        """A servo with an id is on a bus."""
+        on_bus = isinstance(value, Mapping) and "id" in value
+        return converter.structure(value, BusServo if on_bus else ServoCalibration)
+
+    converter.register_structure_hook_func(lambda t: _members(t) == {ServoCalibration, BusServo}, servo)
     converter.register_structure_hook_func(
         lambda t: _members(t) == {MeshFile, TetMesh, type(None)}, mesh_or_file
     )

@@ -222,7 +222,7 @@ class _Probe:
 
     def __init__(self, robot: RobotDescription, domain: int) -> None:
         assert robot.board is not None
-        self._servos = robot.board.servos
+        self._servos = robot.board.hobby_servos
         self._order = [robot.joint_names.index(servo.joint) for servo in self._servos]
         self._values = [joint.limits.clamp(-1.0) for joint in robot.joints]
         self._domain = domain

@@ -6,8 +6,6 @@ import contextlib
 from dataclasses import dataclass
 from enum import Enum
 
-from rclpy.parameter import Parameter
-
 from servo_bridge.board_node import BoardNode
 from servo_bridge.virtual_board_node import VirtualBoardNode
 from softsim_core.errors import SceneError
@@ -56,10 +54,8 @@ def local_board(
         SceneError: the robot has another number of servos than the emulated firmware.
     """
     node: BoardNode
-    if kind is BoardKind.VIRTUAL:
-        values = {"servos": servo_count(robot)} | ({"protocol": robot.board.protocol} if robot.board else {})
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
-        node = VirtualBoardNode(link="", namespace=namespace, parameter_overrides=overrides)
+    if kind is BoardKind.VIRTUAL or (kind is BoardKind.EMULATED and _has_bus(robot)):
+        node = VirtualBoardNode(described=robot.board, link="", namespace=namespace)
     elif kind is BoardKind.EMULATED:
         from servo_bridge.emulated_board_node import EmulatedBoardNode  # loads simavr: only when wanted
 
@@ -73,6 +69,11 @@ def local_board(
         return None
     stack.callback(node.destroy_node)
     return node
+
+
+def _has_bus(robot: RobotDescription) -> bool:
+    """Whether its servos are on a bus: then the virtual board emulates those, each with its control table."""
+    return robot.board is not None and bool(robot.board.bus_servos)
 
 
 def servo_count(robot: RobotDescription) -> int:

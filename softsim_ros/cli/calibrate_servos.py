@@ -39,6 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     robot = load_scene(arguments.robot)
     if robot.board is None:
         raise SceneError(f"robot {robot.name} has no servo board to calibrate")
+    if robot.board.bus_servos:
+        raise SceneError(
+            f"the servos of {robot.name} are on a bus, where nothing has to be found out by moving; write id,"
+            " zero_pulse, sign and range into the robot's file"
+        )
     file: Path = arguments.output or default_file(robot.name)
     if file.exists():
         robot = calibrated_robot(robot, file)

@@ -32,7 +32,7 @@ ROBOT = RobotDescription(
 
 
 def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_path: Path) -> None:
-    with VirtualBoard(servo_count=2, link=tmp_path / "two") as board:
+    with VirtualBoard(servos=2, link=tmp_path / "two") as board:
         overrides = {"port": board.port, "autostart": "activate", "open_wait_s": 0.0}
         bridge = ServoBridge(
             scene=ROBOT,

@@ -138,7 +138,7 @@ def test_nothing_seen_changes_nothing_and_an_empty_range_is_refused() -> None:
 
 @pytest.fixture
 def mover(tmp_path: Path) -> Iterator[ServoMover]:
-    with VirtualBoard(servo_count=2, link=tmp_path / "board") as board:
+    with VirtualBoard(servos=2, link=tmp_path / "board") as board:
         driver = ServoDriver(ROBOT)
         driver.connect(board.port)
         made = ServoMover(driver)

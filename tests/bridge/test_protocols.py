@@ -6,17 +6,19 @@ import ast
 import math
 import random
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
+from servo_bridge.bus_servo import angle_to_pulse, pulse_to_angle
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError, ProtocolError
 from servo_bridge.link import BoardLink
 from servo_bridge.protocols import (
     AUTO,
     Ability,
+    BoardModel,
     BoardProtocol,
     Decoded,
     EncodedPacket,
@@ -31,7 +33,7 @@ from servo_bridge.servo import byte_to_angle
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
-from softsim_core.scene.board import BoardDescription, ServoCalibration
+from softsim_core.scene.board import BoardDescription, BusServo, Servo, ServoCalibration
 from softsim_core.scene.description import JointDescription, SceneDescription
 from softsim_core.scene.robot import RobotDescription
 
@@ -42,9 +44,15 @@ MIXED = (
     ServoCalibration(joint="c", byte_min=80, byte_max=100, rest_byte=90),
 )
 BOARD = BoardDescription(servos=MIXED)
+ON_A_BUS = (
+    BusServo(joint="a", id=0),
+    BusServo(joint="b", id=7, sign=-1, zero_pulse=1000, pulse_min=900, pulse_max=3000),
+    BusServo(joint="c", id=252, zero_pulse=2100, pulse_min=2000, pulse_max=2200),
+)
+BUS = BoardDescription(servos=ON_A_BUS, baud_rate=1_000_000)
 DEGREE = math.pi / 180.0
 
-BUILT_IN = {"ascii_imu", "extended", "legacy"}
+BUILT_IN = {"ascii_imu", "dynamixel", "extended", "legacy"}
 load_scene(REPOSITORY / "examples" / "my_board.py")  # registers one more, as a robot's file does
 EVERY = names()
 
@@ -61,40 +69,70 @@ def registered() -> Iterator[None]:
 @pytest.fixture(params=EVERY)
 def protocol(request: pytest.FixtureRequest) -> BoardProtocol:
     """A conversation in every protocol."""
-    return protocol_named(request.param)(BOARD)
+    return conversation(request.param)
 
 
-def targets(draw: random.Random) -> list[float]:
+def board_of(name: str) -> BoardDescription:
+    """A board of servos that a protocol drives."""
+    return BUS if protocol_named(name).drives is BusServo else BOARD
+
+
+def conversation(name: str) -> BoardProtocol:
+    return protocol_named(name)(board_of(name))
+
+
+def model_of(name: str) -> BoardModel:
+    return model_of_board(name, board_of(name).servos)
+
+
+def number_range(servo: Servo) -> tuple[int, int]:
+    """Degrees or pulses that a servo may be sent to."""
+    if isinstance(servo, BusServo):
+        return servo.pulse_min, servo.pulse_max
+    return servo.byte_min, servo.byte_max
+
+
+def nominal(number: int, servo: Servo) -> float:
+    return pulse_to_angle(number, servo) if isinstance(servo, BusServo) else byte_to_angle(number, servo)
+
+
+def targets(draw: random.Random, servos: Sequence[Servo]) -> list[float]:
     """Angles in [rad] within the servos' ranges, some of them at the ends."""
-    ends = [sorted(byte_to_angle(byte, each) for byte in (each.byte_min, each.byte_max)) for each in MIXED]
+    ends = [sorted(nominal(end, each) for end in number_range(each)) for each in servos]
     return [draw.choice([low, high, draw.uniform(low, high)]) for low, high in ends]
 
 
 def said_by(name: str, seconds: float = 1.0) -> bytes:
-    """What a model of the protocol's board says, driven or not, in so much time."""
-    model, writer = model_of_board(name, 3), protocol_named(name)(BOARD)
+    """What a model of the protocol's board says, asked and driven or not, in so much time."""
+    model, writer = model_of(name), conversation(name)
     model.reset(2)
     said, now = b"", 10.0
     while now < 10.0 + seconds:
-        model.feed(writer.encode([-1.0, 1.0, -1.5]).data, now)
-        said += model.say(now)
+        model.feed(writer.encode([-1.0, 1.0, -1.5]).data + writer.ask(), now)
+        heard = model.answer(now) + (model.say(now) if model.say_period_s else b"")
+        writer.decode(heard)
+        said += heard
         now += 0.05
     return said
 
 
 def test_every_protocol_is_listed() -> None:
     assert (*sorted(BUILT_IN), "my_board") == EVERY
-    assert {each.name for each in candidates(AUTO, BOARD)} <= BUILT_IN
+    assert {each.name for board in (BOARD, BUS) for each in candidates(AUTO, board)} <= BUILT_IN
+    assert [each.name for each in candidates(AUTO, BUS)] == ["dynamixel"]
 
 
 def test_random_targets_arrive_as_they_were_meant(protocol: BoardProtocol) -> None:
-    draw, model = random.Random(5), model_of_board(protocol.name, 3)
+    draw, model, servos = random.Random(5), model_of(protocol.name), board_of(protocol.name).servos
     for step in range(400):
-        angles = targets(draw)
+        angles = targets(draw, servos)
         packet = protocol.encode(angles)
         assert model.feed(packet.data, step * 0.02) == [packet.servo_bytes]
-        for told, wanted, servo in zip(packet.angles_rad, angles, MIXED, strict=True):
+        for told, wanted, servo in zip(packet.angles_rad, angles, servos, strict=True):
             assert abs(told - wanted) <= (2.0 if packet.avoided else 1.0) * DEGREE + 1e-9
+            if isinstance(servo, BusServo):
+                assert servo.pulse_min <= angle_to_pulse(told, servo) <= servo.pulse_max
+                continue
             assert servo.byte_min <= round(servo.sign * told / DEGREE + servo.trim_deg) + servo.zero_byte
             assert round(servo.sign * told / DEGREE + servo.trim_deg) + servo.zero_byte <= servo.byte_max
     assert (model.accepted, model.dropped) == (400, 0)
@@ -102,8 +140,9 @@ def test_random_targets_arrive_as_they_were_meant(protocol: BoardProtocol) -> No
 
 def test_targets_beyond_the_servos_are_clipped_to_them(protocol: BoardProtocol) -> None:
     for angle in (-1e308, -9.0, 9.0, 1e308):
-        for byte, servo in zip(protocol.encode([angle] * 3).servo_bytes, MIXED, strict=True):
-            assert servo.byte_min <= byte <= servo.byte_max
+        servos = board_of(protocol.name).servos
+        for number, servo in zip(protocol.encode([angle] * 3).servo_bytes, servos, strict=True):
+            assert number_range(servo)[0] <= number <= number_range(servo)[1]
 
 
 @pytest.mark.parametrize(
@@ -134,12 +173,12 @@ def test_noise_and_damaged_packets_are_no_error_and_no_board(protocol: BoardProt
 
 
 def test_a_model_takes_no_pose_from_noise_beyond_its_servos(protocol: BoardProtocol) -> None:
-    draw, model = random.Random(7), model_of_board(protocol.name, 3)
+    draw, model = random.Random(7), model_of(protocol.name)
     for step in range(300):
-        packet = bytearray(protocol.encode(targets(draw)).data)
+        packet = bytearray(protocol.encode(targets(draw, board_of(protocol.name).servos)).data)
         packet[draw.randrange(len(packet))] ^= 1 << draw.randrange(8)
         poses = model.feed(bytes(packet[: draw.randrange(len(packet) + 1)]), step * 0.1)
-        assert all(0 <= degree <= 180 for pose in poses for degree in pose)
+        assert all(0 <= number <= model.largest for pose in poses for number in pose)
     assert model.accepted < 300
 
 
@@ -147,7 +186,7 @@ def test_a_model_takes_no_pose_from_noise_beyond_its_servos(protocol: BoardProto
 def test_a_board_is_recognised_by_its_own_protocol_only(speaker: str) -> None:
     said = said_by(speaker)
     for name in EVERY:
-        other = protocol_named(name)(BOARD)
+        other = conversation(name)
         heard = [other.decode(said[at : at + 3]) for at in range(0, len(said), 3)]
         detects = Ability.DETECT in other.abilities
         assert any(each.recognised for each in heard) == (name == speaker and detects)
@@ -155,7 +194,8 @@ def test_a_board_is_recognised_by_its_own_protocol_only(speaker: str) -> None:
 
 @pytest.mark.parametrize("speaker", EVERY)
 def test_auto_finds_every_built_in_board_that_says_what_it_is(speaker: str) -> None:
-    link = BoardLink("/dev/board", [each(BOARD) for each in candidates(AUTO, BOARD)], 2.5, 10.0)
+    board = board_of(speaker)
+    link = BoardLink("/dev/board", [each(board) for each in candidates(AUTO, board)], 2.5, 10.0)
     link.receive(said_by(speaker), 11.0)
     detected = speaker in BUILT_IN and Ability.DETECT in protocol_named(speaker).abilities
     assert link.state(11.0) == (speaker if detected else "waiting")
@@ -163,9 +203,10 @@ def test_auto_finds_every_built_in_board_that_says_what_it_is(speaker: str) -> N
     assert link.state(12.6) == (speaker if detected else "legacy")
 
 
-def test_bytes_of_the_boot_loader_and_of_headers_are_not_sent(protocol: BoardProtocol) -> None:
-    draw = random.Random(8)
-    packets = [protocol.encode(targets(draw)).data for _ in range(300)]
+@pytest.mark.parametrize("name", [name for name in EVERY if protocol_named(name).drives is ServoCalibration])
+def test_bytes_of_the_boot_loader_and_of_headers_are_not_sent(name: str) -> None:
+    draw, protocol = random.Random(8), conversation(name)
+    packets = [protocol.encode(targets(draw, MIXED)).data for _ in range(300)]
     packets += [protocol.encode([byte_to_angle(100, servo) for servo in MIXED]).data]
     for packet in packets:
         assert 100 not in packet
@@ -185,7 +226,15 @@ def test_an_unknown_protocol_is_a_sentence_with_the_known_ones() -> None:
     with pytest.raises(SceneError, match=r"no board protocol is named 'morse'; known: auto, ascii_imu"):
         ServoDriver(robot_of("morse"))
     with pytest.raises(ProtocolError, match="has no model of a board with 2 servos"):
-        model_of_board("extended", 2)
+        model_of_board("extended", MIXED[:2])
+    with pytest.raises(ProtocolError, match="has no model of a board with 3 servos"):
+        model_of_board("dynamixel", MIXED)
+    with pytest.raises(
+        ProtocolError, match="legacy protocol drives hobby servos, which have no id, and a is"
+    ):
+        candidates("legacy", BUS)
+    with pytest.raises(ProtocolError, match="dynamixel protocol drives servos on a bus, which have an id"):
+        candidates("dynamixel", BOARD)
 
 
 def robot_of(protocol: str) -> RobotDescription:

@@ -56,7 +56,7 @@ def test_the_driver_goes_within_limits_holds_and_ends_at_rest() -> None:  # on a
             assert wait_until(lambda: driver.telemetry_age == 0.0)
 
     driver = ServoDriver(load_scene(EXAMPLE), clock=lambda: now[0], wait=wait)
-    with VirtualBoard(servo_count=2, protocol="my_board") as board:
+    with VirtualBoard(servos=2, protocol="my_board") as board:
         driver.connect(board.port, quiet_s=0.2)
         assert driver.tick() is None
         assert board.received == 0

@@ -1,0 +1,373 @@
+"""Servos of the Dynamixel protocol 2.0 on a bus (XM430, XM540), which measure where they stand.
+
+Such servos speak only when they are asked, one at a time. Each packet of the bridge ends with one bulk read:
+what all servos measure, and of one of them in turn what it is and does (`dynamixel_table`). While the port is
+open and nothing is to move, only that is sent.
+
+Before a servo gets torque it is told the place where it stands as its goal, and has to say so. From then on
+its own bus watchdog stops it when packets stop.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from servo_bridge.bus_servo import angle_to_pulse, pulse_to_angle
+from servo_bridge.protocols import dynamixel_packets as packets
+from servo_bridge.protocols import dynamixel_table as table
+from servo_bridge.protocols.dynamixel_bus import DynamixelBus
+from servo_bridge.protocols.dynamixel_packets import ALERT, Instruction, Packet, PacketStream
+from servo_bridge.protocols.dynamixel_table import ServoSettings, ServoState
+from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket
+from softsim_core.errors import listing
+from softsim_core.scene.board import BoardDescription, BusServo, Servo
+
+WATCHDOG = 25
+"""Bus watchdog of every servo that has torque, in units of 20 ms: it stops after 0.5 s without a packet."""
+
+DEAD_BAND = 17
+"""Pulses within which a servo stands at its goal: one and a half degrees."""
+
+MOST_PINGS = 10
+"""A servo that was asked so often without an answer is not there."""
+
+STALE = 2
+"""Questions without an answer after which a servo's position is too old to stop at."""
+
+PATIENCE = 2
+"""Answers in a row that have to contradict; one may be of before."""
+
+LARGEST_LOAD = 0.8
+"""Part of the time between two packets that questions and answers may take on the line."""
+
+BITS_PER_BYTE = 10
+_STATUS_BYTES, _RETURN_DELAY_S = 11, 500e-6
+
+
+class DynamixelProtocol(BoardProtocol):
+    """Goals to the servos of a bus, and what they measure."""
+
+    name = "dynamixel"
+    drives = BusServo
+    abilities = (
+        Ability.DETECT
+        | Ability.ASKED
+        | Ability.TELEMETRY
+        | Ability.HOLD
+        | Ability.RELAX
+        | Ability.LIMITS
+        | Ability.MEASURES
+    )
+    advice = "check the servos' supply and cable, their ids, and the baud rate"
+
+    def __init__(self, board: BoardDescription) -> None:
+        super().__init__(board)
+        self._servos = {servo.id: servo for servo in board.bus_servos}
+        self.top_speed = 0.9 * min(servo.speed for servo in self._servos.values())
+        self._stream = PacketStream()
+        self._models: dict[int, int] = {}
+        self._settings: dict[int, ServoSettings] = {}
+        self._states: dict[int, ServoState] = {}
+        self._positions: dict[int, int] = {}  # newest, in pulses
+        self._currents: dict[int, float] = {}
+        self._asked: Counter[int] = Counter()  # questions since the newest answer, by id
+        self._answers = 0
+        self._heard: set[int] = set()  # ids since the last time that all had answered
+        self._next = 0  # whose turn it is to be asked for more
+        self._goals: dict[int, int] | None = None  # told last; None: none since the takeover began
+        self._held: dict[int, int] | None = None  # told by the hold that lasts
+        self._fresh: set[int] = set()  # ids whose state has come since the takeover began
+        self._taken_over: bool | None = None  # None before the first takeover
+        self._contradictions: Counter[int] = Counter()
+
+    @classmethod
+    def refusal(cls, board: BoardDescription) -> str:
+        """A line that is too slow for so many servos at such a rate."""
+        places = {servo.id: table.PRESENT for servo in board.bus_servos}
+        asked = packets.bulk_read(places) + packets.sync_write(
+            table.GOAL_POSITION, dict.fromkeys(places, bytes(4))
+        )
+        answers = len(places) * (_STATUS_BYTES + table.PRESENT[1]) + table.STATE[1]
+        bits = BITS_PER_BYTE * (len(asked) + answers)
+        pauses_s = len(places) * _RETURN_DELAY_S
+        free_s = LARGEST_LOAD / board.rate - pauses_s
+        if free_s > 0.0 and bits / board.baud_rate <= free_s:
+            return ""
+        needed_s = bits / board.baud_rate + pauses_s
+        return (
+            f"{len(places)} servos at {board.baud_rate} baud need {1e3 * needed_s:.1f} ms for a packet and"
+            f" its answers, and {board.rate:g} Hz leave {1e3 * LARGEST_LOAD / board.rate:.1f} ms; set a"
+            " higher baud_rate, in the servos too, or a lower rate"
+        )
+
+    @classmethod
+    def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
+        """A bus of emulated XM430-W210."""
+        return DynamixelBus([servo.id for servo in servos if isinstance(servo, BusServo)])
+
+    # What is sent
+
+    def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
+        """Goals to all servos, and a question."""
+        pairs = list(zip(angles_rad, self._servos.values(), strict=True))
+        self._goals = {servo.id: angle_to_pulse(angle, servo) for angle, servo in pairs}
+        self._held = None
+        return EncodedPacket(
+            self._tell_goals(self._goals) + self._question(),
+            tuple(self._goals.values()),
+            tuple(pulse_to_angle(self._goals[servo.id], servo) for _, servo in pairs),
+        )
+
+    def ask(self) -> bytes:
+        """A question alone."""
+        return self._question()
+
+    def limits(self) -> bytes:
+        """Gets every servo ready, step by step as its answers allow: standing at its goal, then with torque.
+
+        The goal is written before the torque is switched on, and that only when the servo has told this goal.
+        One that has torque already is told a goal once: it may give way under its load by any distance.
+        """
+        if self._fresh != set(self._servos):
+            return self._question()
+        before = self._goals or {}
+        keep = {each for each in before if self._states[each].torque}
+        goals = {each: before[each] if each in keep else self._stand(each) for each in self._servos}
+        told = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
+        told += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
+        told += self._tell_goals(goals)
+        if ready := [
+            each for each, state in self._states.items() if state.torque or self._may_wake(each, state)
+        ]:
+            told += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
+            told += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
+        self._goals = goals
+        return told + self._question()
+
+    def hold(self) -> bytes:
+        """Goals where the servos stand, the same as long as the hold lasts; torque that is off stays off."""
+        if self._held is None:
+            self._held = {servo_id: self._stand(servo_id) for servo_id in self._servos}
+        return self._tell_goals(self._held) + self._question()
+
+    def relax(self) -> bytes:
+        """Torque off."""
+        off = packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(self._servos, b"\x00"))
+        return off + packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(self._servos, b"\x00"))
+
+    def _tell_goals(self, goals: Mapping[int, int]) -> bytes:
+        return packets.sync_write(
+            table.GOAL_POSITION, {servo_id: table.four(goal) for servo_id, goal in goals.items()}
+        )
+
+    def _question(self) -> bytes:
+        """Pings the next servo that is not known yet; else asks all, and the next one for more."""
+        ids = list(self._servos)
+        unknown = [each for each in ids if each not in self._models]
+        chosen = self._turn(unknown or ids)
+        if unknown:
+            self._asked[chosen] += 1
+            return packets.ping(chosen)
+        self._asked.update(ids)
+        more = table.STATE if chosen in self._settings else table.SETTINGS
+        return packets.bulk_read({each: more if each == chosen else table.PRESENT for each in ids})
+
+    def _turn(self, among: Sequence[int]) -> int:
+        self._next += 1
+        return among[self._next % len(among)]
+
+    # What comes back
+
+    def decode(self, data: bytes) -> Decoded:
+        """Answers; the board is recognised whenever all servos have answered since the last time."""
+        for packet in self._stream.feed(data):
+            if packet.instruction == Instruction.STATUS and packet.servo_id in self._servos:
+                self._take(packet)
+        if set(self._servos) - self._heard or len(self._models) < len(self._servos):
+            return Decoded()
+        self._heard.clear()
+        return Decoded(recognised=True)
+
+    def _take(self, packet: Packet) -> None:
+        servo_id, said = packet.servo_id, packet.parameters
+        if packet.error & ~ALERT:
+            return  # it refuses a packet that was damaged on its way
+        if len(said) == 3:
+            self._models[servo_id] = int.from_bytes(said[:2], "little")
+        elif len(said) == table.PRESENT[1]:
+            current, _, self._positions[servo_id] = table.read_present(said)
+            self._currents[servo_id] = current
+        elif len(said) == table.SETTINGS[1]:
+            self._settings[servo_id] = table.read_settings(said)
+        elif len(said) == table.STATE[1]:
+            self._take_state(servo_id, table.read_state(said))
+        else:
+            return
+        self._answers += 1
+        self._asked[servo_id] = 0
+        self._heard.add(servo_id)
+
+    def _take_state(self, servo_id: int, state: ServoState) -> None:
+        self._states[servo_id] = state
+        self._fresh.add(servo_id)
+        self._positions[servo_id], self._currents[servo_id] = state.position, state.current
+        wrong = self._taken_over and not self._obeys(servo_id)
+        self._contradictions[servo_id] = self._contradictions[servo_id] + 1 if wrong else 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether every servo has told its settings and its state."""
+        return all(each in self._settings and each in self._states for each in self._servos)
+
+    def fault(self) -> str:
+        """A servo that is missing, is no XM, is set so that it cannot be driven, or has switched off."""
+        if missing := [
+            each for each in self._servos if each not in self._models and self._asked[each] >= MOST_PINGS
+        ]:
+            there = [str(each) for each in self._servos if each in self._models]
+            return (
+                f"hears nothing from {self._named(missing)} at {self.board.baud_rate} baud (answers come"
+                f" from: {listing(there)}); {self.advice}"
+            )
+        for servo_id in self._servos:
+            if problem := self._problem(servo_id):
+                return f"cannot be driven: {self._named([servo_id])} {problem}"
+        return ""
+
+    def _problem(self, servo_id: int) -> str:
+        """Why a servo cannot be driven; empty where it can, or has not told enough yet."""
+        servo, model = self._servos[servo_id], self._models.get(servo_id)
+        if model is not None and model not in table.MODELS:
+            return f"is a model {model}; known are {listing(table.MODELS.values())}"
+        settings, state = self._settings.get(servo_id), self._states.get(servo_id)
+        if settings is not None and (problem := _setting_problem(settings, servo)):
+            return problem
+        if state is None or settings is None:
+            return ""
+        if off := state.hardware_error & settings.shutdown:
+            return (
+                f"has switched its torque off ({off.words()}); take the load away, let it cool, and switch"
+                " the servos' supply off and on"
+            )
+        position = self._positions[servo_id]
+        out = max(servo.pulse_min - position, position - servo.pulse_max)
+        if self._taken_over is False and not state.torque and out > DEAD_BAND:
+            return (
+                f"stands at pulse {position}, outside {servo.pulse_min}..{servo.pulse_max}; it has no"
+                " torque: turn it there by hand"
+            )
+        return ""
+
+    def begin_takeover(self) -> None:
+        """What the servos told of their state counts no more, nor do goals of before."""
+        self._taken_over = False
+        self._goals = self._held = None
+        self._fresh.clear()
+        self._contradictions.clear()
+
+    def acknowledged(self) -> bool:
+        """Whether every servo has told that it has the goal it was given, torque and watchdog."""
+        goals = self._goals
+        self._taken_over = goals is not None and all(
+            self._obeys(each) and self._states[each].goal == goal for each, goal in goals.items()
+        )
+        return self._taken_over
+
+    def pose(self) -> tuple[float, ...] | None:
+        """Angles at which the servos stand: of their goals where they have reached them."""
+        if len(self._positions) < len(self._servos):
+            return None
+        return tuple(pulse_to_angle(self._stand(each), servo) for each, servo in self._servos.items())
+
+    def measured(self) -> tuple[float, ...] | None:
+        """Angles of the newest answers."""
+        if len(self._positions) < len(self._servos):
+            return None
+        return tuple(pulse_to_angle(self._positions[each], servo) for each, servo in self._servos.items())
+
+    def deviation(self) -> str:
+        """A servo that has lost its torque, or was stopped by its watchdog."""
+        for servo_id, count in self._contradictions.items():
+            if count >= PATIENCE:
+                state = self._states[servo_id]
+                stopped = state.watchdog == table.WATCHDOG_TRIPPED
+                what = "was stopped by its bus watchdog" if stopped else "has lost its torque or its profile"
+                return f"goes its own way ({self._named([servo_id])} {what})"
+        return ""
+
+    def values(self) -> Mapping[str, object]:
+        """What the servos measure and are."""
+        ids = list(self._servos)
+
+        def of_each(told: Mapping[int, object]) -> str:
+            return " ".join(str(told.get(each, "?")) for each in ids)
+
+        states = self._states
+        errors = {each: state.hardware_error for each, state in states.items() if state.hardware_error}
+        return {
+            "servos": " ".join(map(str, ids)),
+            "models": of_each({each: table.MODELS.get(model, model) for each, model in self._models.items()}),
+            "servo firmware": of_each({each: known.firmware for each, known in self._settings.items()}),
+            "torque": of_each({each: "on" if state.torque else "off" for each, state in states.items()}),
+            "positions [pulse]": of_each(self._positions),
+            "currents [mA]": of_each({each: round(1e3 * amps) for each, amps in self._currents.items()}),
+            "voltages [V]": of_each({each: state.voltage for each, state in states.items()}),
+            "temperatures [degC]": of_each({each: state.temperature for each, state in states.items()}),
+            "hardware errors": "; ".join(f"{each}: {error.words()}" for each, error in errors.items())
+            or "none",
+            "answers": self._answers,
+            "answers damaged": self._stream.damaged,
+            "questions unanswered": max(self._asked.values(), default=0),
+        }
+
+    # What is known of a servo
+
+    def _stand(self, servo_id: int) -> int:
+        """Where a servo is to stay: at its goal within the dead band of it, else where it stands.
+
+        Without an answer for a while nobody knows where it stands; then, too, it is to stay at its goal,
+        which is never far from it.
+        """
+        servo, state, position = self._servos[servo_id], self._states.get(servo_id), self._positions[servo_id]
+        goal = None if self._goals is None else self._goals[servo_id]
+        if goal is None and state is not None and state.torque:
+            goal = state.goal
+        if goal is not None and (self._asked[servo_id] > STALE or abs(position - goal) <= DEAD_BAND):
+            position = goal
+        return min(max(position, servo.pulse_min), servo.pulse_max)
+
+    def _may_wake(self, servo_id: int, state: ServoState) -> bool:
+        """Whether a servo without torque has told just now that its goal is where it stands."""
+        return self._asked[servo_id] <= STALE and abs(state.goal - state.position) <= DEAD_BAND
+
+    def _obeys(self, servo_id: int) -> bool:
+        """Whether a servo has torque, its watchdog and its profile."""
+        state = self._states.get(servo_id)
+        if state is None:
+            return False
+        profile = b"".join(map(table.four, state.profile))
+        return state.torque and state.watchdog == WATCHDOG and profile == self._profile(servo_id)
+
+    def _profile(self, servo_id: int) -> bytes:
+        """No limit of acceleration, which the bridge keeps, and the servo's top speed."""
+        return table.four(0) + table.four(max(1, int(self._servos[servo_id].speed / table.VELOCITY_UNIT)))
+
+    def _named(self, servo_ids: Iterable[int]) -> str:
+        return listing([f"servo {each} ({self._servos[each].joint})" for each in servo_ids])
+
+
+def _setting_problem(settings: ServoSettings, servo: BusServo) -> str:
+    """Why a servo cannot be driven as it is set; empty where it can."""
+    if settings.firmware < table.LEAST_FIRMWARE:
+        return f"has firmware {settings.firmware}, and {table.LEAST_FIRMWARE} is needed; bring it up to date"
+    if settings.operating_mode != table.POSITION_MODE:
+        return f"is in operating mode {settings.operating_mode}; set mode {table.POSITION_MODE} (position)"
+    if settings.drive_mode & table.DRIVE_MODE_TIME_PROFILE:
+        return "takes profiles of time; clear bit 2 of its drive mode"
+    if settings.lowest > servo.pulse_min or settings.highest < servo.pulse_max:
+        return (
+            f"takes goals {settings.lowest}..{settings.highest} only, and the robot's file allows"
+            f" {servo.pulse_min}..{servo.pulse_max}; narrow them there, or widen them in the servo"
+        )
+    return ""
