@@ -85,20 +85,15 @@ class DynamixelProtocol(BoardProtocol):
     def refusal(cls, board: BoardDescription) -> str:
         """A line that is too slow for so many servos at such a rate."""
         places = {servo.id: table.PRESENT for servo in board.bus_servos}
-        asked = packets.bulk_read(places) + packets.sync_write(
-            table.GOAL_POSITION, dict.fromkeys(places, bytes(4))
-        )
-        answers = len(places) * (_STATUS_BYTES + table.PRESENT[1]) + table.STATE[1]
-        bits = BITS_PER_BYTE * (len(asked) + answers)
-        pauses_s = len(places) * _RETURN_DELAY_S
-        free_s = LARGEST_LOAD / board.rate - pauses_s
-        if free_s > 0.0 and bits / board.baud_rate <= free_s:
+        told = packets.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
+        needed_s = _line_s(board, len(told) + len(packets.bulk_read(places))) + _answers_s(board)
+        free_s = LARGEST_LOAD / board.rate
+        if needed_s <= free_s:
             return ""
-        needed_s = bits / board.baud_rate + pauses_s
         return (
             f"{len(places)} servos at {board.baud_rate} baud need {1e3 * needed_s:.1f} ms for a packet and"
-            f" its answers, and {board.rate:g} Hz leave {1e3 * LARGEST_LOAD / board.rate:.1f} ms; set a"
-            " higher baud_rate, in the servos too, or a lower rate"
+            f" its answers, and {board.rate:g} Hz leave {1e3 * free_s:.1f} ms; set a higher baud_rate, in the"
+            " servos too, or a lower rate"
         )
 
     @classmethod
@@ -146,10 +141,16 @@ class DynamixelProtocol(BoardProtocol):
         return told + self._question()
 
     def hold(self) -> bytes:
-        """Goals where the servos stand, the same as long as the hold lasts; torque that is off stays off."""
-        if self._held is None:
-            self._held = {servo_id: self._stand(servo_id) for servo_id in self._servos}
-        return self._tell_goals(self._held) + self._question()
+        """Goals where the servos stand, the same as long as the hold lasts; torque that is off stays off.
+
+        The first one leaves at any moment, and answers to the question before may be on the line: there they
+        spoil what it says. So it says the same until all of them are over.
+        """
+        if self._held is not None:
+            return self._tell_goals(self._held) + self._question()
+        self._held = {servo_id: self._stand(servo_id) for servo_id in self._servos}
+        told = self._tell_goals(self._held)
+        return told * (2 + int(_answers_s(self.board) / _line_s(self.board, len(told)))) + self._question()
 
     def relax(self) -> bytes:
         """Torque off."""
@@ -355,6 +356,18 @@ class DynamixelProtocol(BoardProtocol):
 
     def _named(self, servo_ids: Iterable[int]) -> str:
         return listing([f"servo {each} ({self._servos[each].joint})" for each in servo_ids])
+
+
+def _line_s(board: BoardDescription, count: int) -> float:
+    """Time in [s] that so many bytes take on the line."""
+    return count * BITS_PER_BYTE / board.baud_rate
+
+
+def _answers_s(board: BoardDescription) -> float:
+    """Longest time in [s] that the answers to one question take, as the servos are set by their makers."""
+    count = len(board.bus_servos)
+    size = count * (_STATUS_BYTES + table.PRESENT[1]) + table.STATE[1]
+    return _line_s(board, size) + count * _RETURN_DELAY_S
 
 
 def _setting_problem(settings: ServoSettings, servo: BusServo) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -191,6 +192,46 @@ def test_a_hold_stops_within_a_packet_and_lasts() -> None:
     pose = talk.take_over()  # as when it is cleared
     talk.turn(talk.protocol.encode(pose).data)
     assert {each: servo.goal for each, servo in talk.bus.servos.items()} == stopped
+
+
+@pytest.mark.parametrize("board", [BOARD, replace(BOARD, baud_rate=57600, rate=10.0)])
+def test_the_first_packet_of_a_hold_outlasts_the_answers_that_may_be_on_the_line(
+    board: BoardDescription,
+) -> None:
+    talk = Conversation(board)
+    talk.open()
+    talk.take_over()
+    talk.drive(1.0, 5)
+    question = talk.protocol.ask()
+    talk.bus.feed(question, talk.now)
+    answers_s = 10.0 * len(talk.bus.answer(talk.now)) / board.baud_rate + 4 * 500e-6  # with makers' pauses
+    lost = math.ceil(answers_s * board.baud_rate / 10.0)
+    first = talk.protocol.hold()
+    talk.turn(first[lost:])  # what went out meanwhile nobody could read
+    goals = [servo.goal for servo in talk.bus.servos.values()]
+    assert goals[0] < 2400  # not 2700, where they were to go
+    talk.turn(talk.protocol.hold())
+    assert [servo.goal for servo in talk.bus.servos.values()] == goals
+    assert len(talk.protocol.hold()) < 80  # and then once a packet
+
+
+@pytest.mark.parametrize("steps", range(0, 12, 2))
+def test_a_hold_while_the_servos_are_made_ready_moves_none_and_gives_none_torque(steps: int) -> None:
+    talk = Conversation()
+    for servo_id, servo in talk.bus.servos.items():
+        servo.turn(1500 + 100 * servo_id)
+        servo.put(table.GOAL_POSITION, 2900)
+    before = talk.bus.positions
+    talk.open()
+    talk.protocol.begin_takeover()
+    for _ in range(steps):
+        talk.protocol.acknowledged()
+        talk.turn(talk.protocol.limits())
+    torque = [torque for _, torque in talk.states()]
+    for _ in range(30):
+        talk.turn(talk.protocol.hold())
+    assert [torque for _, torque in talk.states()] == torque
+    assert talk.bus.positions == pytest.approx(before, abs=DEAD_BAND)
 
 
 def test_a_hold_without_fresh_answers_keeps_the_goals_told() -> None:
