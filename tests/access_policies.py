@@ -56,8 +56,9 @@ ELSEWHERE = {
         ),
     }.items()
     for name in names
-}
-"""Declared where the optional message packages are installed, see softsim_ros.optional_messages."""
+} | {Right("virtual_board", "virtual_board", "publish", "~/servo_pulses")}
+"""Declared where the optional message packages are installed, see softsim_ros.optional_messages; and of a
+robot with servos on a bus."""
 
 EVERYTHING = {"recorder"}
 """Executables that hear all topics of their namespace, and those that all robots share."""

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bridge_session import BRIDGE, bridge_words
+from node_processes import parameter_words
 
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, UInt16MultiArray
 
 from servo_bridge.protocols import dynamixel_table as table
 from servo_bridge.protocols.dynamixel_bus import DynamixelBus
@@ -142,6 +144,19 @@ def test_the_servos_are_found_driven_and_read_back(
     assert [servo.goal for servo in bus.servos.values()] == list(REST)
     assert not any(servo.torque for servo in bus.servos.values())
     assert within_limits(bus)
+
+
+def test_the_virtual_board_takes_the_servos_from_the_robot_s_file(
+    start: Starter, client: Any, robot: Path, tmp_path: Path, wait_until: Starter
+) -> None:
+    link = tmp_path / "another"
+    pulses = client.collect(UInt16MultiArray, "virtual_board/servo_pulses")
+    words = ["--ros-args", "-r", "__ns:=/tripod"]
+    board = start("servo_bridge.virtual_board_node", *words, *parameter_words(robot=robot, link=link))
+    assert board.says("virtual board on")
+    start(BRIDGE, *bridge_words(robot=robot, port=link, autostart="activate"))
+    assert wait_until(lambda: bool(pulses))
+    assert list(pulses[0].data) == [2048] * 4
 
 
 def test_what_is_published_is_measured_and_not_what_was_told(

@@ -52,6 +52,17 @@ def test_every_robot_gets_what_it_has(tmp_path: Path) -> None:
     assert "-p robot:=tripod -r __ns:=/tripod" in planned.hint
 
 
+def test_servos_on_a_bus_are_emulated_by_the_virtual_board(tmp_path: Path) -> None:
+    file = tmp_path / "bus.yaml"
+    file.write_text(
+        "name: bus\njoints: [{name: a}]\nboard: {baud_rate: 1000000, servos: [{joint: a, id: 1}]}\n"
+    )
+    for word in ("virtual", "emulated"):
+        planned = plan(Wishes(robot=str(file), board=word), tmp_path)
+        assert started(planned) == ["simulator", "virtual_board", "servo_bridge"]
+        assert planned.nodes[1].parameters["robot"] == str(file)
+
+
 def test_each_node_gets_its_enclave_where_that_is_wished(tmp_path: Path) -> None:
     everything = plan(Wishes(namespace="lab/left", enclaves="true", rviz="true"), tmp_path)
     assert {each.enclave for each in everything.nodes} == {
