@@ -242,5 +242,7 @@ def test_an_unknown_protocol_leaves_the_bridge_unconfigured_with_a_sentence(
 ) -> None:
     bridge = start_bridge(protocol="morse")
     assert client.refuses("configure")
-    assert bridge.says("no board protocol is named 'morse'; known: auto, ascii_imu, extended, legacy")
+    assert bridge.says(
+        "no board protocol is named 'morse'; known: auto, ascii_imu, dynamixel, extended, legacy"
+    )
     assert board.received == 0

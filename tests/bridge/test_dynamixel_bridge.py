@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from bridge_session import BRIDGE, bridge_words
 from node_processes import parameter_words
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
@@ -157,6 +158,20 @@ def test_the_virtual_board_takes_the_servos_from_the_robot_s_file(
     start(BRIDGE, *bridge_words(robot=robot, port=link, autostart="activate"))
     assert wait_until(lambda: bool(pulses))
     assert list(pulses[0].data) == [2048] * 4
+
+
+def test_up_with_an_emulated_board_mirrors_the_simulator_onto_the_bus(
+    start: Starter, client: Any, robot: Path, stream: Starter, wait_until: Starter
+) -> None:
+    applied = client.collect(JointState, "applied_joint_states")
+    words = ("--board", "emulated", "--send", "--headless", "--no-viewer", "--namespace", "tripod")
+    up = start("softsim_ros.cli", "up", str(robot), *words)
+    stream(client.publisher(Float64MultiArray, COMMANDS), command(0.3, -0.3, 0.2, 0.1))
+    goal = [0.3, -0.3, 0.2, 0.1]
+    assert wait_until(
+        lambda: bool(applied) and applied[-1].position == pytest.approx(goal, abs=0.002), BUILD_S
+    )
+    assert up.end() == 0
 
 
 def test_what_is_published_is_measured_and_not_what_was_told(
