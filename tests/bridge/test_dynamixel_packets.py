@@ -116,6 +116,12 @@ def test_a_hundred_thousand_bytes_of_noise_raise_nothing_and_hide_no_packet_behi
     assert stream.damaged > 100
 
 
+def test_a_packet_cut_short_does_not_hide_the_next() -> None:
+    whole = packets.status(7, bytes(10))
+    long = packets.status(1, bytes(900))
+    assert [len(PacketStream().feed(long[:cut] + whole)) for cut in range(len(long))] == [1] * len(long)
+
+
 @given(st.binary(max_size=80))
 def test_after_any_noise_the_packets_go_on(junk: bytes) -> None:
     """However the noise ends, of the packets behind it at most those within one false packet are missed."""

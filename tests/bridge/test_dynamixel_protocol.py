@@ -121,6 +121,28 @@ def test_torque_comes_on_where_each_servo_stands_and_nothing_moves(share: float,
         assert angle * servo.sign * 4096 / 6.283185307179586 == pytest.approx(stood, abs=DEAD_BAND + 1)
 
 
+@pytest.mark.parametrize("had_torque", [False, True])
+def test_without_its_goal_no_servo_gets_torque(had_torque: bool) -> None:
+    """Goals are lost on the line, and all other packets arrive: the torque has to wait."""
+    talk = Conversation()
+    talk.open()
+    if had_torque:
+        talk.take_over()
+        talk.drive(0.0, 20)
+        talk.bus.servos[2].power_cycle()
+    talk.bus.servos[2].turn(2500)  # its goal is 2048 still
+    talk.protocol.begin_takeover()
+    for _ in range(50):
+        talk.protocol.acknowledged()
+        told = PacketStream().feed(talk.protocol.limits())
+        kept = [each for each in told if int.from_bytes(each.parameters[:2], "little") != table.GOAL_POSITION]
+        talk.turn(b"".join(packets.packet(each.servo_id, each.instruction, each.parameters) for each in kept))
+        assert not talk.bus.servos[2].torque
+    talk.take_over()
+    assert talk.bus.servos[2].torque
+    assert abs(talk.bus.servos[2].position - 2500) <= DEAD_BAND
+
+
 def test_a_servo_that_gives_way_under_its_load_is_told_one_goal_only() -> None:
     talk = Conversation()
     talk.open()
@@ -132,7 +154,10 @@ def test_a_servo_that_gives_way_under_its_load_is_told_one_goal_only() -> None:
 
     talk.seen = sink
     sinking.goals = None
-    talk.take_over()
+    talk.protocol.begin_takeover()
+    for _ in range(30):  # as where another servo needs longer
+        talk.turn(talk.protocol.limits())
+    assert talk.protocol.acknowledged()
     assert sinking.goals is not None
     assert sinking.goals[0] == sinking.goals[1]
 
