@@ -54,6 +54,14 @@ class ConfigError(SoftSimError, ValueError):
         super().__init__(f"{where}: {problem}")
 
 
+class DataError(SoftSimError, ValueError):
+    """Measured data cannot be used; carries their source (file or session), the place in it, the problem."""
+
+    def __init__(self, source: str | PathLike[str], where: str, problem: str) -> None:
+        self.source, self.where, self.problem = str(source), where, problem
+        super().__init__(f"{self.source}: {where}: {problem}" if where else f"{self.source}: {problem}")
+
+
 class SceneError(SoftSimError, ValueError):
     """A scene description does not fit together (unknown name, empty region, overlapping zones)."""
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 MILLIMETRE = 1.0e-3
 """One millimetre in [m]."""
@@ -51,3 +52,38 @@ SHORTENING = LENGTH._replace(reach=0.05)
 FORCE = Unit("N", "N", 1.0, 0.01, 10.0)
 PRESSURE = Unit("Pa", "kPa", 1e-3, 10.0, 2e4)
 VOLUME = Unit("m^3", "ml", 1e6, 1e-8, 1e-5)
+
+Quantity: TypeAlias = Literal["angle", "length", "time", "force", "pressure", "volume"]
+
+
+class Scale(NamedTuple):
+    """A unit in which files give a quantity.
+
+    Attributes:
+        quantity: What it measures.
+        si: One of it in the unit of SI.
+    """
+
+    quantity: Quantity
+    si: float
+
+
+SCALES: Final[Mapping[str, Scale]] = {
+    "rad": Scale("angle", 1.0),
+    "deg": Scale("angle", math.pi / 180.0),
+    "m": Scale("length", 1.0),
+    "cm": Scale("length", 1e-2),
+    "mm": Scale("length", 1e-3),
+    "s": Scale("time", 1.0),
+    "ms": Scale("time", 1e-3),
+    "us": Scale("time", 1e-6),
+    "N": Scale("force", 1.0),
+    "mN": Scale("force", 1e-3),
+    "Pa": Scale("pressure", 1.0),
+    "kPa": Scale("pressure", 1e3),
+    "mbar": Scale("pressure", 1e2),
+    "bar": Scale("pressure", 1e5),
+    "m^3": Scale("volume", 1.0),
+    "ml": Scale("volume", 1e-6),
+}
+"""Units of columns in measured tables."""

@@ -33,6 +33,7 @@ from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, re
 from softsim_core.values import FieldError, MeshFile, Vector
 
 Hook = Callable[[Any, Any], Any]
+T = typing.TypeVar("T")
 
 
 class _RefusedError(Exception):
@@ -54,18 +55,40 @@ def structure_scene(data: SourcedMapping, file: str | Path, *, find_files: bool 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
     """
+    return structured(data, RobotDescription, file, lambda robot: need_namespace(robot.name), find_files)
+
+
+def structured(
+    data: SourcedMapping,
+    cls: type[T],
+    file: str | Path,
+    check: Callable[[T], None] = lambda _: None,
+    find_files: bool = True,
+) -> T:
+    """A typed description from the data of a file.
+
+    Args:
+        data: Mapping as read from YAML.
+        cls: Dataclass of the description.
+        file: Named in messages where a value does not know its own file.
+        check: What the description must hold besides; it raises what is wrong.
+        find_files: Look for the files that are named; else their paths stay as they are written.
+
+    Raises:
+        ConfigError: the first problem: file, key path, value and what is allowed.
+    """
     try:
         converter = _converter(find_files)
     except ImportError as error:
         problem = "loading scenes needs cattrs >= 23.2: pip install cattrs (or apt install python3-cattr)"
         raise ConfigError(file, "", problem) from error
     try:
-        robot: RobotDescription = converter.structure(data, RobotDescription)
-        need_namespace(robot.name)
+        description: T = converter.structure(data, cls)
+        check(description)
     except Exception as error:
         path, problem = _first_problem(error)
         raise ConfigError(_file_of(data, path) or file, key_path(path), problem) from None
-    return robot
+    return description
 
 
 def unstructure_scene(robot: RobotDescription, file: Path | None = None) -> SourcedMapping:

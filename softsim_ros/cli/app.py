@@ -52,6 +52,9 @@ COMMANDS = {
         "softsim_ros.cli.calibrate_servos", "walk through a robot's servos: direction, mounting, range"
     ),
     "workspace": Command("softsim_ros.cli.workspace", "say how far a robot's effector gets, with a picture"),
+    "validate": Command(
+        "softsim_ros.cli.validate", "compare a model with measurements of the real robot, in mm"
+    ),
     "demo": Command("softsim_ros.cli.demo", "show a robot at work: softsim demo grasp"),
     "bench": Command("softsim_ros.cli.bench", "measure the speed of a simulation step on this machine"),
     "test": Command("softsim_ros.cli.suite", "run the test suite (--quick: under two minutes)", True),

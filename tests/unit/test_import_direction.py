@@ -76,8 +76,9 @@ LAYERS = (
     ("robots",),
     ("simulation",),
     ("inverse", "warmup"),
+    ("identification",),
 )
-"""Folders and files of softsim_core, lowest first; inverse control runs a whole simulation as its model."""
+"""Folders and files of softsim_core, lowest first; the last ones run whole simulations."""
 
 
 INTERFACES = ("cli", "keys", "teleop", "viewer", "benchmark", "recording")

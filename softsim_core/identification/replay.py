@@ -1,0 +1,172 @@
+"""What a model does under the commands of a session: row by row in equilibrium, or in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.errors import NotConvergedError, SolverDivergedError
+from softsim_core.identification.description import SensorDescription
+from softsim_core.identification.places import Places
+from softsim_core.identification.session import Session
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation import Simulation
+
+Order: TypeAlias = Literal["nearest", "rows"]
+"""Rows so that each command is the nearest of those left, or as they were measured."""
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Told what is done, and what there is in all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """What sensors of a session sit on, as the model has it.
+
+    Attributes:
+        positions: In [m], shape (k, s, 3); of rows, or of steps of a replay in time.
+        rotations: Shape (k, s, 3, 3).
+        reached: Whether it was found, shape (k,); a row without an equilibrium has none.
+        times: Of the steps of a replay in time in [s], shape (k,); None: these are the session's rows.
+        stopped: Whether it was interrupted.
+    """
+
+    positions: Array
+    rotations: Array
+    reached: BoolArray
+    times: Array | None = None
+    stopped: bool = False
+
+    def at(self, session: Session, delay: float = 0.0) -> tuple[Array, Array, BoolArray]:
+        """Positions, rotations and whether they are known, at the rows of a session.
+
+        Args:
+            session: That which was replayed.
+            delay: By how much its sensors are late, in [s].
+        """
+        if self.times is None or session.times is None:
+            return self.positions, self.rotations, self.reached
+        when = session.times - delay
+        right = np.clip(np.searchsorted(self.times, when), 1, len(self.times) - 1)
+        span = self.times[right] - self.times[right - 1]
+        part = np.clip((when - self.times[right - 1]) / span, 0.0, 1.0)[:, None, None]
+        positions = (1.0 - part) * self.positions[right - 1] + part * self.positions[right]
+        reached = self.reached[right] & (when <= self.times[-1] + span[-1])
+        return positions, self.rotations[np.where(part[:, 0, 0] < 0.5, right - 1, right)], reached
+
+
+def replay(
+    robot: RobotDescription, session: Session, order: Order = "nearest", progress: Progress | None = None
+) -> Prediction:
+    """Give a model the commands of a session; an interrupt (Ctrl-C) keeps what is done.
+
+    Args:
+        robot: The model, the session's overrides laid over it.
+        session: The session.
+        order: In which its rows are solved; rows in time are played as they are.
+        progress: Told rows or steps.
+
+    Raises:
+        DataError: the commands do not fit the robot.
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+    """
+    commands = session.commands(robot)
+    if session.times is not None:
+        return _in_time(robot, session, commands, progress)
+    return _in_equilibrium(robot, session.description.sensors, commands, order, progress)
+
+
+def in_short_steps(points: Array, start: Array) -> IndexArray:
+    """An order in which each of points (k, j) is the nearest of those left, from `start` (j,) on."""
+    left, here = np.ones(len(points), bool), start
+    order = np.zeros(len(points), dtype=np.int64)
+    for k in range(len(points)):
+        far = np.where(left, ((points - here) ** 2).sum(axis=1), np.inf)
+        order[k] = nearest = int(np.argmin(far))
+        left[nearest], here = False, points[nearest]
+    return order
+
+
+def _in_equilibrium(
+    robot: RobotDescription,
+    sensors: tuple[SensorDescription, ...],
+    commands: Array,
+    order: Order,
+    progress: Progress | None,
+) -> Prediction:
+    """The equilibrium of each different command, each from the one before."""
+    simulation = Simulation(robot.robot_alone())
+    places, shift = Places(simulation, sensors), robot.start_shift
+    different, same = np.unique(commands, axis=0, return_inverse=True)
+    first = np.array([int(np.flatnonzero(same == k)[0]) for k in range(len(different))])
+    if order == "nearest":
+        sequence = in_short_steps(different, np.array(robot.start_joints))
+    else:
+        sequence = np.argsort(first)
+    positions = np.full((len(different), len(sensors), 3), np.nan)
+    rotations = np.full((len(different), len(sensors), 3, 3), np.nan)
+    stopped = False
+    try:
+        for done, k in enumerate(sequence.tolist(), start=1):
+            if _settled(simulation, different[k], shift):
+                positions[k], rotations[k] = places.seen(simulation)
+            if progress is not None:
+                progress(done, len(different))
+    except KeyboardInterrupt:
+        stopped = True
+    same = same.ravel()
+    return Prediction(
+        positions[same], rotations[same], np.isfinite(positions[same]).all(axis=(1, 2)), None, stopped
+    )
+
+
+def _settled(simulation: Simulation, joints: Array, shift: float) -> bool:
+    """Go to the equilibrium reached from the last one; failing that, from the rest shape."""
+    for again in (False, True):
+        if again:
+            simulation.reset()
+        try:
+            simulation.settle(joints, shift)
+        except NotConvergedError:
+            continue
+        return True
+    return False
+
+
+def _in_time(
+    robot: RobotDescription, session: Session, commands: Array, progress: Progress | None
+) -> Prediction:
+    """The motion from the first row's command, or from rest at time 0, to the last row."""
+    time = session.description.time
+    assert time is not None
+    assert session.times is not None
+    simulation = Simulation(robot)
+    places = Places(simulation, session.description.sensors)
+    begin = 0.0 if time.start == "rest" else float(session.times[0])
+    if time.start == "equilibrium":
+        simulation.settle(commands[0], robot.start_shift)
+    last = session.times[session.used].max() + time.most_delay
+    steps = max(1, int(np.ceil((last - begin) / simulation.dt)))
+    times = np.asarray(begin + simulation.dt * np.arange(steps + 1), dtype=np.float64)
+    seen = [places.seen(simulation)]
+    stopped = False
+    try:
+        for k in range(1, steps + 1):
+            if len(robot.joints):
+                row = max(0, int(np.searchsorted(session.times, times[k], side="right")) - 1)
+                simulation.command(commands[row])
+            simulation.step()
+            seen.append(places.seen(simulation))
+            if progress is not None:
+                progress(k, steps)
+    except KeyboardInterrupt:
+        stopped = True
+    except SolverDivergedError:
+        pass  # what comes later is not reached
+    positions = np.array([each for each, _ in seen])
+    rotations = np.array([turn for _, turn in seen])
+    return Prediction(positions, rotations, np.ones(len(seen), bool), times[: len(seen)], stopped)

@@ -1,0 +1,136 @@
+"""Tables of measured numbers: CSV with a header line; a wrong cell is named by file, column and line."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.errors import DataError, listing
+from softsim_core.units import SCALES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Columns of equal length, as text or as numbers.
+
+    Attributes:
+        file: Where it was read.
+        columns: Their cells by name.
+        lines: What messages call the rows: their lines in the file, counted from 1.
+    """
+
+    file: Path
+    columns: Mapping[str, Sequence[str] | Array]
+    lines: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def each(self, count: int) -> Table:
+        """Each so many-th row, the first included."""
+        columns = {name: cells[::count] for name, cells in self.columns.items()}
+        return Table(self.file, columns, self.lines[::count])
+
+    def numbers(self, name: str, unit: str | None = None) -> Array:
+        """A column in SI, all numbers finite, shape (rows,).
+
+        Args:
+            name: The column.
+            unit: In which its cells are; None: they have none.
+
+        Raises:
+            DataError: no such column, a cell that is no finite number, or a name that tells another unit.
+        """
+        if name not in self.columns:
+            near = difflib.get_close_matches(name, self.columns, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise DataError(
+                self.file, f"column {name}", f"is not there; {hint}there are {listing(self.columns)}"
+            )
+        if unit is not None:
+            _, _, ending = name.rpartition("_")
+            if ending != name and ending in SCALES and ending != unit:
+                raise DataError(
+                    self.file,
+                    f"column {name}",
+                    f"is declared in {unit}, but its name says {ending}; correct one",
+                )
+        values = np.array([_number(cell) for cell in self.columns[name]], dtype=float)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            where = int(wrong[0])
+            cell = self.columns[name][where]
+            more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+            raise DataError(
+                self.file,
+                f"column {name}, line {self.lines[where]}",
+                f"holds {str(cell)!r}, no finite number{more}; leave such rows out, or mark them as suspect",
+            )
+        return values * (1.0 if unit is None else SCALES[unit].si)
+
+
+TableReader = Callable[[Path, Sequence[str]], Table]
+"""Reads some columns of a file."""
+
+
+def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
+    """A CSV file: lines that begin with # are comments, the first other one names the columns.
+
+    Args:
+        file: The file.
+        columns: Not used: all are read.
+
+    Raises:
+        DataError: it cannot be read, has no rows, names a column twice, or a row has other columns.
+    """
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            rows = [
+                (number, row)
+                for number, row in enumerate(csv.reader(stream), start=1)
+                if row and not row[0].lstrip().startswith("#")
+            ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(file, "", f"cannot be read as CSV ({error})") from error
+    if len(rows) < 2:
+        raise DataError(file, "", "holds no rows below a header line")
+    names = [name.strip() for name in rows[0][1]]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise DataError(file, f"line {rows[0][0]}", f"names the column {twice[0]!r} twice")
+    if all(math.isfinite(_number(name)) for name in names):
+        raise DataError(file, f"line {rows[0][0]}", "holds numbers where the names of the columns must stand")
+    for number, row in rows[1:]:
+        if len(row) != len(names):
+            raise DataError(file, f"line {number}", f"has {len(row)} cells for {len(names)} columns")
+    cells = list(zip(*(row for _, row in rows[1:]), strict=True))
+    return Table(file, dict(zip(names, cells, strict=True)), [number for number, _ in rows[1:]])
+
+
+READERS: dict[str, TableReader] = {".csv": read_csv}
+"""What reads a table, by the ending of its file; an interface adds those of its recordings."""
+
+
+def read_table(file: Path, columns: Sequence[str]) -> Table:
+    """Columns of a table, by the ending of its file.
+
+    Raises:
+        DataError: it cannot be read, or has an unknown ending.
+    """
+    reader = READERS.get(file.suffix.lower())
+    if reader is None:
+        raise DataError(file, "", f"is no table that is known here; known are {listing(READERS)}")
+    return reader(file, columns)
+
+
+def _number(cell: object) -> float:
+    try:
+        return float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return math.nan

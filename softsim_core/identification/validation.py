@@ -1,0 +1,266 @@
+"""A model beside measurements: replay, alignment, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from softsim_core.arrays import Array, BoolArray
+from softsim_core.errors import DataError
+from softsim_core.identification.alignment import Alignment, align, rigid_frame, sensed, unaligned
+from softsim_core.identification.description import SessionDescription
+from softsim_core.identification.measures import Measures, by_region, measures
+from softsim_core.identification.replay import Order, Prediction, replay
+from softsim_core.identification.session import Session
+from softsim_core.scene import load_scene
+from softsim_core.scene.robot import RobotDescription
+
+SCALE_APART = 8.0
+"""Measured and simulated motion of sizes so many times apart are taken for ones in different units."""
+
+TURNED = np.pi / 4.0
+"""A frame that is turned by more than this is warned of, in [rad]."""
+
+AT_REST = 0.5
+"""A replay in time has come to rest in its last so many seconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherErrors:
+    """What another model leaves, in [m], shape (k, 3): as it is, and with a frame of its own."""
+
+    raw: Array
+    aligned: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionResult:
+    """A session beside a model.
+
+    Attributes:
+        session: What was measured.
+        known: Rows that the model has, shape (k,).
+        alignment: Frame and points, fitted to the training rows as described; None: no model was asked.
+        raw: Model minus measurement in [m] with frame and points as described, shape (k, s, 3).
+        aligned: The same with the alignment.
+        positions: Where the model has the sensors, in [m], shape (k, s, 3).
+        others: What other models leave, by name.
+        warnings: What a reader must know, in sentences.
+        stopped: Whether it was interrupted.
+    """
+
+    session: Session
+    known: BoolArray
+    alignment: Alignment | None
+    raw: Array
+    aligned: Array
+    positions: Array
+    others: dict[str, OtherErrors]
+    warnings: tuple[str, ...]
+    stopped: bool
+
+    @property
+    def judged(self) -> BoolArray:
+        """Rows whose errors count, shape (k,)."""
+        return self.session.judged & self.known
+
+    def of(self, rows: BoolArray, raw: bool = False) -> Measures:
+        """Measures over some rows (k,) and all sensors."""
+        return measures((self.raw if raw else self.aligned)[rows & self.known])
+
+    @property
+    def regions(self) -> dict[str, tuple[float, float, Measures]]:
+        """Measures in thirds of the workspace, see by_region."""
+        errors, where = self.aligned[self.judged], self.positions[self.judged] - self.aligned[self.judged]
+        return by_region(errors.reshape(-1, 3), where.reshape(-1, 3))
+
+    @property
+    def beyond(self) -> list[str]:
+        """Limits of the session that are not kept, in words; none where no model was asked."""
+        limits = self.session.description.limits
+        return [] if self.alignment is None else self.of(self.judged).beyond(limits)
+
+    def rest_values(self) -> dict[str, tuple[Array, Array]]:
+        """Of a replay in time: each sensor's place at its end, measured and the model's, (3,) in [m]."""
+        times = self.session.times
+        if times is None or self.alignment is None or not self.judged.any():
+            return {}
+        rows = self.judged & (times > times[self.judged].max() - AT_REST)
+        model = self.positions[rows].mean(axis=0)
+        measured = model - self.aligned[rows].mean(axis=0)
+        names = self.session.description.sensor_names
+        return {name: (measured[s], model[s]) for s, name in enumerate(names)}
+
+
+def robot_of(
+    name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
+) -> RobotDescription:
+    """The model of a session: its overrides, or those that are given, laid over a robot's or scene's file."""
+    return load_scene(name_or_path, {**session.overrides, **(overrides or {})})
+
+
+def validate_session(
+    session: Session,
+    robot: RobotDescription | None,
+    order: Order = "nearest",
+    progress: Callable[[int, int], None] | None = None,
+    given: Alignment | None = None,
+) -> SessionResult:
+    """Replay a session's commands and compare.
+
+    Args:
+        session: What was measured.
+        robot: The model; None compares other models only.
+        order: Of rows that are solved in equilibrium.
+        progress: Told what is done.
+        given: An alignment found before, such as on other rows; None: it is fitted as described.
+
+    Raises:
+        DataError: the data do not fit the robot, or do not tell what is to be fitted.
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+    """
+    if robot is None or not session.description.replayed:
+        nothing = np.full_like(session.measured, np.nan)
+        known = np.zeros(len(nothing), bool)
+        others = _others(session)
+        return SessionResult(session, known, None, nothing, nothing, nothing, others, (), False)
+    return compared(session, replay(robot, session, order, progress), given)
+
+
+def compared(session: Session, prediction: Prediction, given: Alignment | None = None) -> SessionResult:
+    """A session beside what a model did under its commands; see validate_session."""
+    description = session.description
+    described = unaligned(np.array([sensor.offset for sensor in description.sensors]))
+    session = _from_rest(session, prediction, described.points)
+    if not (session.fitting & prediction.at(session)[2]).any() and given is None:
+        told = "the replay was stopped before" if prediction.stopped else "the model finds no equilibrium at"
+        raise DataError(f"session {session.name}", "", f"{told} any row for training")
+    alignment = given or _aligned(session, prediction, described)
+    positions, rotations, known = prediction.at(session, alignment.delay)
+    raw_positions, raw_rotations, _ = prediction.at(session)
+    raw = described.errors(raw_positions, raw_rotations, session.measured)
+    return SessionResult(
+        session,
+        known,
+        alignment,
+        raw,
+        alignment.errors(positions, rotations, session.measured),
+        sensed(positions, rotations, alignment.points),
+        _others(session),
+        tuple(_warnings(session, known, alignment)),
+        prediction.stopped,
+    )
+
+
+def _from_rest(session: Session, prediction: Prediction, points: Array) -> Session:
+    """The session with sensors that tell displacements put where the model has them at the beginning."""
+    moving = [k for k, sensor in enumerate(session.description.sensors) if sensor.displacement]
+    if not moving:
+        return session
+    assert session.times is not None
+    begin = sensed(prediction.positions[:1], prediction.rotations[:1], points)[0]
+    measured = session.measured.copy()
+    for k in moving:
+        measured[:, k] += begin[k] - measured[session.times <= 0.0, k].mean(axis=0)
+    return replace(session, measured=measured)
+
+
+def _aligned(session: Session, prediction: Prediction, described: Alignment) -> Alignment:
+    """Frame, points and delay as described, fitted to the training rows."""
+    fit, what = session.description.alignment, f"session {session.name}"
+    _need_same_scale(session, prediction)
+
+    def at(delay: float) -> Alignment:
+        positions, rotations, known = prediction.at(session, delay)
+        rows = session.fitting & known
+        found = align(
+            positions[rows],
+            rotations[rows],
+            session.measured[rows],
+            described.points,
+            (fit.frame, fit.point),
+            what,
+        )
+        return replace(found, delay=delay)
+
+    def misfit(delay: float) -> float:
+        positions, rotations, known = prediction.at(session, delay)
+        rows = session.fitting & known
+        return measures(at(delay).errors(positions, rotations, session.measured)[rows]).rms
+
+    time = session.description.time
+    if time is None or not time.most_delay:
+        return at(0.0)
+    most = time.most_delay
+    tried = np.linspace(-most, most, 41)
+    best = float(tried[int(np.argmin([misfit(float(delay)) for delay in tried]))])
+    near = (max(-most, best - tried[1] + tried[0]), min(most, best + tried[1] - tried[0]))
+    found = float(minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-5}).x)
+    if abs(found) > 0.99 * most:
+        raise DataError(
+            what,
+            f"column {time.column}",
+            f"the measurement comes {1e3 * found:.0f} ms or more after the model, and {1e3 * most:g} ms are "
+            "allowed; is its time shifted? set most_delay",
+        )
+    return at(found)
+
+
+def _need_same_scale(session: Session, prediction: Prediction) -> None:
+    """Refuse measurements whose motion is of quite another size than the model's."""
+    positions, _, known = prediction.at(session)
+    rows = session.fitting & known
+    if rows.sum() < 3:
+        return
+    for s, sensor in enumerate(session.description.sensors):
+        model, measured = (
+            float(np.std(each[rows, s], axis=0).max()) for each in (positions, session.measured)
+        )
+        if min(model, measured) * SCALE_APART < max(model, measured):
+            raise DataError(
+                session.table.file,
+                f"sensor {sensor.name}",
+                f"moves {1e3 * measured:.3g} mm where the model moves {1e3 * model:.3g} mm (standard "
+                f"deviations); are the units right, {sensor.unit} of {', '.join(sensor.columns)}, and the "
+                "commands'?",
+            )
+
+
+def _warnings(session: Session, known: BoolArray, alignment: Alignment) -> list[str]:
+    told = []
+    missing = int((session.used & ~known).sum())
+    if missing:
+        told.append(
+            f"{missing} of {int(session.used.sum())} rows have no equilibrium of the model, and no error"
+        )
+    turn = float(np.arccos(np.clip((np.trace(alignment.rotation) - 1.0) / 2.0, -1.0, 1.0)))
+    if turn > TURNED:
+        told.append(
+            f"the fitted frame is turned by {np.degrees(turn):.0f} deg; are the axes of the data right?"
+        )
+    unsure = float(alignment.point_errors.max(initial=0.0))
+    if unsure > 0.005:
+        told.append(f"the sensor point is known to {1e3 * unsure:.1f} mm only; measure poses that tilt more")
+    return told
+
+
+def _others(session: Session) -> dict[str, OtherErrors]:
+    """What other models leave: raw, and with a rigid frame fitted on the training rows."""
+    told = {}
+    for name, (sensor, positions) in session.others.items():
+        measured = session.measured[:, sensor]
+        rows = session.fitting
+        rotation, shift = rigid_frame(
+            positions[rows], measured[rows], f"session {session.name}, model {name}"
+        )
+        told[name] = OtherErrors(positions - measured, positions - (measured @ rotation.T + shift))
+    return told
+
+
+def summary(results: Sequence[SessionResult]) -> Measures:
+    """Over the judged rows of all sessions."""
+    return measures(np.concatenate([each.aligned[each.judged].reshape(-1, 3) for each in results]))

@@ -1,0 +1,239 @@
+"""A model beside measurements: what was hidden in them is found, held-out rows judge, limits decide."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from headless_browser import chromium_path
+from measured_tripod import DESCRIPTION, POINT, SHIFT, TURN, tripod_poses, write_bench
+
+from softsim_core import NotConvergedError, Simulation, load_scene
+from softsim_core.arrays import Array
+from softsim_core.identification import load_data_set, load_session
+from softsim_core.identification.measures import by_region, measures
+from softsim_core.identification.replay import Prediction, in_short_steps, replay
+from softsim_core.identification.report import plain, read_alignments, worst
+from softsim_core.identification.validation import SessionResult, compared
+from softsim_ros.cli import main
+from softsim_ros.cli.validate_page import write
+
+pytestmark = pytest.mark.slow
+
+
+def beside(folder: Path) -> SessionResult:
+    """The session of a folder beside the poses that it was made from."""
+    data = load_data_set(folder)
+    poses = tripod_poses()
+    known = np.ones(len(poses.joints), bool)
+    prediction = Prediction(poses.positions[:, None], poses.rotations[:, None], known)
+    return compared(load_session(data, data.description.sessions[0]), prediction)
+
+
+def test_the_replay_is_that_of_the_model_in_any_order(tmp_path: Path) -> None:
+    data = load_data_set(write_bench(tmp_path))
+    session = load_session(data, data.description.sessions[0], every=3)
+    told: list[tuple[int, int]] = []
+    robot = load_scene("tripod")
+    nearest = replay(robot, session, progress=lambda *each: told.append(each))
+    as_measured = replay(robot, session, "rows")
+    assert told == [(k, 8) for k in range(1, 9)]
+    for found in (nearest, as_measured):
+        assert np.abs(found.positions[:, 0] - tripod_poses().positions[::3]).max() < 1e-7
+        assert np.abs(found.rotations[:, 0] - tripod_poses().rotations[::3]).max() < 1e-6
+
+
+def test_hidden_frame_and_point_are_found(tmp_path: Path) -> None:
+    result = beside(write_bench(tmp_path))
+    assert result.alignment is not None
+    assert np.abs(result.alignment.points - POINT).max() < 1e-6
+    # the data's frame is the robot's, turned and shifted, and the fit leads back
+    assert np.abs(result.alignment.rotation - TURN.T).max() < 1e-6
+    assert np.abs(result.alignment.place(SHIFT)).max() < 1e-6
+    assert result.of(result.judged).max < 1e-7
+    assert result.of(result.judged, raw=True).mean > 0.05
+    assert not result.warnings
+
+
+def test_noise_is_left_and_the_point_is_as_sure_as_told(tmp_path: Path) -> None:
+    result = beside(write_bench(tmp_path, noise=3e-4))
+    assert result.alignment is not None
+    away = np.abs(result.alignment.points - POINT)
+    assert (away < 4.0 * result.alignment.point_errors).all()
+    expected = np.sqrt(3.0) * 3e-4 * np.sqrt(1.0 - 9.0 / (3 * 24))
+    assert result.of(result.judged).rms == pytest.approx(expected, rel=0.2)
+
+
+def test_suspect_rows_neither_fit_nor_count(tmp_path: Path) -> None:
+    poses = tripod_poses()
+    bad = np.zeros(len(poses.joints), int)
+    bad[[2, 5]] = 1
+    folder = write_bench(tmp_path, edit={"bad": bad})
+    lines = (folder / "poses.csv").read_text().splitlines()
+    lines[4] = ",".join(["500.0", *lines[4].split(",")[1:]])
+    (folder / "poses.csv").write_text("\n".join(lines))
+    result = beside(folder)
+    assert result.of(result.judged).count == len(bad) - 2
+    assert result.of(result.judged).max < 1e-7
+    assert result.of(~result.session.used).max > 0.1
+
+
+def test_held_out_rows_judge_and_do_not_fit(tmp_path: Path) -> None:
+    out = (np.arange(24) % 4 == 0).astype(int)
+    folder = write_bench(tmp_path, edit={"out": out}, text=DESCRIPTION + "    split: {column: out}\n")
+    lines = (folder / "poses.csv").read_text().splitlines()
+    lines[2] = ",".join(
+        [str(float(lines[2].split(",")[0]) + 5.0), *lines[2].split(",")[1:]]
+    )  # a held-out row
+    (folder / "poses.csv").write_text("\n".join(lines))
+    result = beside(folder)
+    assert result.of(result.session.fitting).max < 1e-7
+    assert (result.of(result.judged).count, result.of(result.judged).max) == (
+        6,
+        pytest.approx(5e-3, rel=1e-4),
+    )
+
+
+def test_a_share_is_held_out_the_same_every_time(tmp_path: Path) -> None:
+    folder = write_bench(tmp_path, text=DESCRIPTION + "    split: {held_out_share: 0.25, seed: 4}\n")
+    first, again = beside(folder).session.training, beside(folder).session.training
+    assert (~first).sum() == 6
+    assert np.array_equal(first, again)
+
+
+def test_rows_without_equilibrium_have_no_error(tmp_path: Path) -> None:
+    data = load_data_set(write_bench(tmp_path))
+    poses = tripod_poses()
+    known = np.arange(24) != 7
+    positions = np.where(known[:, None], poses.positions, np.nan)[:, None]
+    prediction = Prediction(positions, poses.rotations[:, None], known)
+    result = compared(load_session(data, data.description.sessions[0]), prediction)
+    assert result.of(result.judged).count == 23
+    assert result.of(result.judged).max < 1e-7
+    assert result.warnings == ("1 of 24 rows have no equilibrium of the model, and no error",)
+
+
+def test_measures_of_known_errors() -> None:
+    errors = np.outer(np.arange(1.0, 5.0), [0.6, 0.0, 0.8])
+    found = measures(errors)
+    assert (found.count, found.mean, found.max) == (4, 2.5, 4.0)
+    assert found.rms == pytest.approx(np.sqrt(7.5))
+    assert np.isnan(measures(np.zeros((0, 3))).mean)
+    regions = by_region(errors, np.outer(np.arange(4.0), [1.0, 0.0, -1.0]))
+    assert [found.count for _, _, found in regions.values()] == [1, 1, 2, 1, 1, 2]
+    assert regions["x high"][2].mean == pytest.approx(3.5)
+    assert regions["z high"][2].mean == pytest.approx(1.5)
+
+
+def test_short_steps_visit_all_and_the_nearest_first() -> None:
+    points = np.array([[0.9], [0.1], [0.5], [0.11]])
+    assert in_short_steps(points, np.zeros(1)).tolist() == [1, 3, 2, 0]
+
+
+def test_the_command_judges_by_its_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = str(write_bench(tmp_path, noise=3e-4))
+    assert main(["validate", folder, "--every", "4", "--max-mean", "1.0"]) == 0
+    assert "bench: A Tripod on a bench." in capsys.readouterr().out
+    assert main(["validate", folder, "--every", "4", "--max-mean", "0.1", "--json"]) == 1
+    shown, said = capsys.readouterr()
+    told = json.loads(shown)
+    assert "beyond its limit: session poses: mean 0." in said
+    assert told["passed"] is False
+    assert told["sessions"]["poses"]["aligned"]["count"] == 6
+    assert told["sessions"]["poses"]["raw"]["mean_mm"] > 50.0
+    assert set(told["sessions"]["poses"]["regions"]) == {
+        f"{a} {p}" for a in "xyz" for p in ("low", "middle", "high")
+    }
+
+
+def test_an_earlier_alignment_is_taken_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = beside(write_bench(tmp_path / "one"))
+    report = tmp_path / "report.json"
+    report.write_text(json.dumps(plain("bench", "tripod", [result])))
+    (given,) = read_alignments(report).values()
+    assert result.alignment is not None
+    assert np.allclose(given.points, result.alignment.points)
+    other = write_bench(tmp_path / "two", noise=1e-3)
+    words = ["validate", str(other), "--every", "8", "--json", "--alignment"]
+    assert main([*words, str(report)]) == 0
+    told = json.loads(capsys.readouterr().out)["sessions"]["poses"]
+    assert np.allclose(told["alignment"]["points_m"], POINT[None], atol=1e-6)
+    assert told["aligned"]["count"] == 3  # too few to fit anything
+    report.write_text("{}")
+    assert main([*words, str(report)]) == 1
+    assert "is no report of `softsim validate --json`" in capsys.readouterr().err
+
+
+def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
+    data = load_data_set(write_bench(tmp_path))
+    session = load_session(data, data.description.sessions[0])
+
+    def stop(done: int, total: int) -> None:
+        if done == 15:
+            raise KeyboardInterrupt
+
+    found = replay(load_scene("tripod"), session, progress=stop)
+    assert found.stopped
+    assert found.reached.sum() == 15
+    result = compared(session, found)
+    assert result.stopped
+    assert result.of(result.judged).count == 15
+
+
+def test_what_the_model_cannot_reach_is_not_reached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row without equilibrium is tried again from the rest shape; the rows after it are found as before."""
+    data = load_data_set(write_bench(tmp_path))
+    session = load_session(data, data.description.sessions[0], every=6)
+    lost, tries, settle = tripod_poses().joints[6], [], Simulation.settle
+
+    def settled(simulation: Simulation, joints: Array, shift: float) -> object:
+        if np.allclose(joints, lost):
+            tries.append(simulation.step_count)
+            raise NotConvergedError("it is said so", 1.0, 1, 1.0)
+        return settle(simulation, joints, shift)
+
+    monkeypatch.setattr(Simulation, "settle", settled)
+    found = replay(load_scene("tripod"), session, "rows")
+    assert len(tries) == 2
+    assert found.reached.tolist() == [True, False, True, True]
+    assert np.abs(found.positions[2:, 0] - tripod_poses().positions[12::6]).max() < 1e-7
+
+
+def test_the_page_shows_errors_and_loads_nothing(tmp_path: Path) -> None:
+    folder = write_bench(tmp_path / "set", noise=3e-4, text=DESCRIPTION.replace("on a bench", "on <b> & co"))
+    file = tmp_path / "page.html"
+    write(file, load_data_set(folder).description, "tripod", [beside(folder)])
+    text = file.read_text()
+    assert "A Tripod on &lt;b&gt; &amp; co." in text
+    assert not re.search(r"(src|href)=|https?://|@import", text)
+    (told,) = json.loads(re.search(r'type="application/json">(.*?)</script>', text, re.DOTALL)[1])["sessions"]
+    lengths = np.linalg.norm(told["errors"], axis=1)
+    assert (len(lengths), sum(told["counts"])) == (24, 24)
+    assert told["worst"] == np.argsort(-lengths)[:8].tolist()
+    assert told["commands"][0] == f"s0_deg = {np.degrees(tripod_poses().joints[0, 0])}, " + ", ".join(
+        f"s{k}_deg = {np.degrees(tripod_poses().joints[0, k])}" for k in (1, 2)
+    )
+
+
+def test_the_worst_is_shown_when_its_line_is_clicked(tmp_path: Path) -> None:
+    folder = write_bench(tmp_path / "set", noise=3e-4)
+    result = beside(folder)
+    write(tmp_path / "page.html", load_data_set(folder).description, "tripod", [result])
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 1400, "height": 850})
+        wrong: list[str] = []
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.goto((tmp_path / "page.html").as_uri())
+        tab.click("#worst tr:first-child")
+        said = tab.inner_text("#chosen")
+        browser.close()
+    assert wrong == []
+    ((row, _, error),) = worst(result, 1)
+    assert said.startswith(
+        f"line {result.session.table.lines[row]}, tracker: {1e3 * np.linalg.norm(error):.2f} mm"
+    )
