@@ -49,10 +49,16 @@ GROUPS: dict[str, str] = {
         "PoseTask Sensitivity analytic_sensitivity sampled_sensitivity sample_workspace Workspace "
         "TiltController TiltGains"
     ),
+    "Models beside measurements": (
+        "known_data_sets load_data_set DataSet load_session Session session_robot validate_session "
+        "SessionResult Measures Alignment DataSetDescription DataFolder SessionDescription CommandColumns "
+        "SensorDescription OtherModel TimeColumn FrameDescription AlignmentDescription SplitDescription "
+        "ErrorLimits"
+    ),
     "Paths": "EffectorPath read_path JointTrajectory",
     "Errors": (
-        "SoftSimError SceneError FieldError ArrayError ConfigError MeshError MaterialError CommandError "
-        "PathRefusedError SnapshotError SolverDivergedError FactorisationError "
+        "SoftSimError SceneError FieldError ArrayError ConfigError DataError MeshError MaterialError "
+        "CommandError PathRefusedError SnapshotError SolverDivergedError FactorisationError "
         "DetectionOverflowError NotConvergedError"
     ),
     "Version": "__version__",

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         ArrayError,
         CommandError,
         ConfigError,
+        DataError,
         DetectionOverflowError,
         FactorisationError,
         MaterialError,
@@ -41,6 +42,24 @@ if TYPE_CHECKING:
         SoftSimError,
         SolverDivergedError,
     )
+    from softsim_core.identification.alignment import Alignment
+    from softsim_core.identification.description import (
+        AlignmentDescription,
+        CommandColumns,
+        DataFolder,
+        DataSetDescription,
+        ErrorLimits,
+        FrameDescription,
+        OtherModel,
+        SensorDescription,
+        SessionDescription,
+        SplitDescription,
+        TimeColumn,
+    )
+    from softsim_core.identification.files import DataSet, known_data_sets, load_data_set
+    from softsim_core.identification.measures import Measures
+    from softsim_core.identification.session import Session, load_session
+    from softsim_core.identification.validation import SessionResult, session_robot, validate_session
     from softsim_core.inverse.closed_loop import TiltController, TiltGains
     from softsim_core.inverse.controller import InverseController, InverseReport
     from softsim_core.inverse.path_files import read_path
@@ -106,6 +125,8 @@ __all__ = [
     "ActuatorKind",
     "ActuatorView",
     "AddedMassDescription",
+    "Alignment",
+    "AlignmentDescription",
     "ArrayError",
     "AttachmentDescription",
     "AxisDescription",
@@ -118,17 +139,24 @@ __all__ = [
     "Camera",
     "ChamberDescription",
     "CollisionDescription",
+    "CommandColumns",
     "CommandError",
     "CommandSettings",
     "ConfigError",
     "ContactReport",
     "ContactSettings",
     "Controller",
+    "DataError",
+    "DataFolder",
+    "DataSet",
+    "DataSetDescription",
     "DetectionOverflowError",
     "EffectorPath",
+    "ErrorLimits",
     "FactorisationError",
     "FibresDescription",
     "FieldError",
+    "FrameDescription",
     "GeometricStiffness",
     "HeightTiltTask",
     "InverseController",
@@ -142,10 +170,12 @@ __all__ = [
     "LayerOfRodDescription",
     "MaterialDescription",
     "MaterialError",
+    "Measures",
     "MeshError",
     "MeshFile",
     "NotConvergedError",
     "OrientationTask",
+    "OtherModel",
     "Part",
     "PathRefusedError",
     "Placed",
@@ -164,7 +194,11 @@ __all__ = [
     "SceneDescription",
     "SceneError",
     "Sensitivity",
+    "SensorDescription",
     "ServoCalibration",
+    "Session",
+    "SessionDescription",
+    "SessionResult",
     "Shape",
     "Simulation",
     "SnapshotError",
@@ -172,6 +206,7 @@ __all__ = [
     "SolverDivergedError",
     "SolverSettings",
     "Sphere",
+    "SplitDescription",
     "StartAnimation",
     "StaticSolution",
     "StepReport",
@@ -180,6 +215,7 @@ __all__ = [
     "TetMesh",
     "TiltController",
     "TiltGains",
+    "TimeColumn",
     "ViewSettings",
     "Workspace",
     "__version__",
@@ -189,9 +225,12 @@ __all__ = [
     "box_mesh",
     "check_tets",
     "find_config",
+    "known_data_sets",
     "known_scenes",
     "line_stiffness",
+    "load_data_set",
     "load_scene",
+    "load_session",
     "quaternion_of",
     "read_path",
     "read_surface",
@@ -203,10 +242,12 @@ __all__ = [
     "rotation_of",
     "sample_workspace",
     "sampled_sensitivity",
+    "session_robot",
     "solve_pose",
     "surface_of",
     "tilt_rotation",
     "tilts_of",
+    "validate_session",
     "write_surface",
     "write_tets",
 ]
@@ -224,9 +265,18 @@ _NAMES = {
     "softsim_core.dynamics.report": "ContactReport StepReport",
     "softsim_core.dynamics.statics": "StaticSolution",
     "softsim_core.errors": (
-        "ArrayError CommandError ConfigError DetectionOverflowError FactorisationError MaterialError "
-        "MeshError NotConvergedError SceneError SnapshotError SoftSimError SolverDivergedError"
+        "ArrayError CommandError ConfigError DataError DetectionOverflowError FactorisationError "
+        "MaterialError MeshError NotConvergedError SceneError SnapshotError SoftSimError SolverDivergedError"
     ),
+    "softsim_core.identification.alignment": "Alignment",
+    "softsim_core.identification.description": (
+        "AlignmentDescription CommandColumns DataFolder DataSetDescription ErrorLimits FrameDescription "
+        "OtherModel SensorDescription SessionDescription SplitDescription TimeColumn"
+    ),
+    "softsim_core.identification.files": "DataSet known_data_sets load_data_set",
+    "softsim_core.identification.measures": "Measures",
+    "softsim_core.identification.session": "Session load_session",
+    "softsim_core.identification.validation": "SessionResult session_robot validate_session",
     "softsim_core.inverse.closed_loop": "TiltController TiltGains",
     "softsim_core.inverse.controller": "InverseController InverseReport",
     "softsim_core.inverse.path_files": "read_path",

@@ -86,7 +86,7 @@ def _on_body(simulation: Simulation, sensor: SensorDescription) -> _BodyPlace:
     point, rest = np.array(sensor.place), simulation.model.rest
     best: tuple[float, _BodyPlace] | None = None
     for body in simulation.bodies:
-        found, own = embed(point[None], body.mesh), rest[body.nodes]
+        found, own = embed(point[None], body.solid), rest[body.nodes]
         if best is None or found.outside[0] < best[0]:
             far = np.linalg.norm(own - point, axis=1)
             near = np.flatnonzero(far <= sensor.patch)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from softsim_core.simulation import Simulation
 
 Order: TypeAlias = Literal["nearest", "rows"]
 """Rows so that each command is the nearest of those left, or as they were measured."""
+
+SAME: Final = 1e-9
+"""Times that differ by less, in [s], are one: a command acts in the step that begins when it was given."""
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Told what is done, and what there is in all."""
@@ -157,7 +160,7 @@ def _in_time(
     try:
         for k in range(1, steps + 1):
             if len(robot.joints):
-                row = max(0, int(np.searchsorted(session.times, times[k], side="right")) - 1)
+                row = max(0, int(np.searchsorted(session.times, times[k - 1] + SAME, side="right")) - 1)
                 simulation.command(commands[row])
             simulation.step()
             seen.append(places.seen(simulation))

@@ -96,7 +96,7 @@ class SessionResult:
         return {name: (measured[s], model[s]) for s, name in enumerate(names)}
 
 
-def robot_of(
+def session_robot(
     name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
 ) -> RobotDescription:
     """The model of a session: its overrides, or those that are given, laid over a robot's or scene's file."""

@@ -102,7 +102,7 @@ def _results(
     """What each session gives, and whether one gave none, which is said."""
     from softsim_core.identification.report import given_alignment, read_alignments
     from softsim_core.identification.session import load_session
-    from softsim_core.identification.validation import robot_of, validate_session
+    from softsim_core.identification.validation import session_robot, validate_session
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
     chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]
@@ -111,7 +111,7 @@ def _results(
     failed = False
     for session in sessions:
         asked = model is not None and session.description.replayed
-        robot = robot_of(model, session.description) if model is not None and asked else None
+        robot = session_robot(model, session.description) if model is not None and asked else None
         given = given_alignment(alignments, session) if alignments is not None and asked else None
         progress = _Progress(session)
         try:
