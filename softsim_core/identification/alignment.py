@@ -108,7 +108,7 @@ def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]
                 what,
                 "",
                 f"a mirrored frame fits better, {_mm(mirrored):.2f} mm against {_mm(proper):.2f} mm; two "
-                "columns are swapped, or a sign is wrong",
+                "columns of the sensor or of the commands are swapped, or a sign is wrong",
             )
     return rotation.T, centre - other @ rotation
 

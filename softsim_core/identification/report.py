@@ -59,6 +59,10 @@ def _session(result: SessionResult) -> dict[str, Any]:
                 sensor: {"measured_m": measured.tolist(), "model_m": model.tolist()}
                 for sensor, (measured, model) in result.rest_values().items()
             },
+            "ringing": {
+                sensor: {"measured": measured._asdict(), "model": model._asdict()}
+                for sensor, (measured, model) in result.ringings().items()
+            },
             "alignment": _alignment(result.alignment),
             "beyond_limits": result.beyond,
             "warnings": list(result.warnings),

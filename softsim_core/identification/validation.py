@@ -15,6 +15,7 @@ from softsim_core.identification.alignment import Alignment, align, rigid_frame,
 from softsim_core.identification.description import SessionDescription
 from softsim_core.identification.measures import Measures, by_region, measures
 from softsim_core.identification.replay import Order, Prediction, replay
+from softsim_core.identification.ringing import Ringing, ringing
 from softsim_core.identification.session import Session
 from softsim_core.scene import load_scene
 from softsim_core.scene.robot import RobotDescription
@@ -94,6 +95,22 @@ class SessionResult:
         measured = model - self.aligned[rows].mean(axis=0)
         names = self.session.description.sensor_names
         return {name: (measured[s], model[s]) for s, name in enumerate(names)}
+
+    def ringings(self) -> dict[str, tuple[Ringing, Ringing]]:
+        """Of a replay in time: how each sensor that rings does so, measured and the model's."""
+        times = self.session.times
+        if times is None or self.alignment is None:
+            return {}
+        rows, told = self.judged, {}
+        for s, name in enumerate(self.session.description.sensor_names):
+            model = self.positions[rows, s]
+            measured, simulated = (
+                ringing(times[rows], model - self.aligned[rows, s]),
+                ringing(times[rows], model),
+            )
+            if measured is not None and simulated is not None:
+                told[name] = (measured, simulated)
+        return told
 
 
 def session_robot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import sys
 import time
@@ -71,6 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.every < 1 or any(not _limit(arguments, name, 1.0) > 0.0 for name in LIMITS):
         print("softsim validate: --every must be 1 or more, limits must be > 0 mm", file=sys.stderr)
         return 2
+    if importlib.util.find_spec("rosbags") is not None:
+        from softsim_ros.recording.tables import register
+
+        register()
     data = load_data_set(arguments.data_set, arguments.data)
     model = None if arguments.others_only else arguments.robot or data.robot
     results, failed = _results(arguments, data, model)

@@ -102,6 +102,12 @@ def _details(result: SessionResult) -> list[str]:
     for name, (measured, of_model) in result.rest_values().items():
         away = 1e3 * (of_model - measured)
         rows.append((f"at rest {name}", f"model minus measured ({_three(away)}) mm"))
+    for name, (measured_ring, model_ring) in result.ringings().items():
+        told = ", ".join(
+            f"{words} {ring.frequency:.2f} Hz and damping ratio {ring.damping:.3f}"
+            for words, ring in (("measured", measured_ring), ("model", model_ring))
+        )
+        rows.append((f"rings {name}", told))
     if session.times is None:
         for region, (begin, end, found) in result.regions.items():
             told = f"{1e3 * begin:.1f} to {1e3 * end:.1f} mm: mean {_mm(found.mean)} of {found.count}"

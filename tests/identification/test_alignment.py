@@ -100,7 +100,10 @@ def test_a_point_alone_is_found_where_the_frame_is_known() -> None:
             "level",
             "it: the rows do not tell frame and sensor point apart: what the sensor sits on hardly tilts",
         ),
-        ("mirror", "it: a mirrored frame fits better, 0.00 mm against .* two columns are swapped"),
+        (
+            "mirror",
+            "it: a mirrored frame fits better, 0.00 mm against .* are swapped",
+        ),
     ],
 )
 def test_what_the_rows_do_not_tell_is_said(change: str, sentence: str) -> None:

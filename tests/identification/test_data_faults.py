@@ -123,7 +123,8 @@ def test_joints_by_name_leave_the_others_at_rest(tmp_path: Path) -> None:
 def test_swapped_columns_are_seen_by_their_mirror_image(tmp_path: Path) -> None:
     found = session(write_bench(tmp_path, text=DESCRIPTION.replace("x_mm, y_mm", "y_mm, x_mm")))
     with pytest.raises(
-        DataError, match=r"session poses: a mirrored frame fits better.*two columns are swapped"
+        DataError,
+        match=r"session poses: a mirrored frame fits better.* are swapped",
     ):
         compared(found, prediction())
 

@@ -92,3 +92,8 @@ def test_the_beam_rings_as_measured(reference_dir: Path, capsys: pytest.CaptureF
         rest = told[session]["rest_values"]
         heights = [each["model_m"][2] - each["measured_m"][2] for each in rest.values()]
         assert abs(1e3 * sum(heights) / 3.0) < max(0.05 * abs(sunk), 0.5)
+        rings = told[session]["ringing"]["tip_left"]
+        measured, model = rings["measured"], rings["model"]
+        assert measured["frequency"] == pytest.approx({"gravity": 7.731, "load52": 4.347}[session], rel=0.01)
+        assert model["frequency"] == pytest.approx(measured["frequency"], rel=0.02)
+        assert model["damping"] == pytest.approx(measured["damping"], rel=0.15)

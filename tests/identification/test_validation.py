@@ -237,3 +237,11 @@ def test_the_worst_is_shown_when_its_line_is_clicked(tmp_path: Path) -> None:
     assert said.startswith(
         f"line {result.session.table.lines[row]}, tracker: {1e3 * np.linalg.norm(error):.2f} mm"
     )
+
+
+def test_swapped_commands_of_a_symmetric_robot_mirror_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = DESCRIPTION.replace("s0_deg, s1_deg", "s1_deg, s0_deg")
+    assert main(["validate", str(write_bench(tmp_path, text=text)), "--every", "2"]) == 1
+    assert "two columns of the sensor or of the commands are swapped" in capsys.readouterr().err
