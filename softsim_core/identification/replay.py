@@ -19,6 +19,9 @@ from softsim_core.simulation import Simulation
 Order: TypeAlias = Literal["nearest", "rows"]
 """Rows so that each command is the nearest of those left, or as they were measured."""
 
+PARTS: Final = (1, 8)
+"""A row that is not found from the one before is tried from the start pose: at once, then in many parts."""
+
 SAME: Final = 1e-9
 """Times that differ by less, in [s], are one: a command acts in the step that begins when it was given."""
 
@@ -103,11 +106,12 @@ def _in_equilibrium(
 ) -> Prediction:
     """The equilibrium of each different command, each from the one before."""
     simulation = Simulation(robot.robot_alone())
-    places, shift = Places(simulation, sensors), robot.start_shift
+    places, start = Places(simulation, sensors), np.array(robot.start_joints)
+    walk = _Walk(simulation, start, robot.start_shift)
     different, same = np.unique(commands, axis=0, return_inverse=True)
     first = np.array([int(np.flatnonzero(same == k)[0]) for k in range(len(different))])
     if order == "nearest":
-        sequence = in_short_steps(different, np.array(robot.start_joints))
+        sequence = in_short_steps(different, start)
     else:
         sequence = np.argsort(first)
     positions = np.full((len(different), len(sensors), 3), np.nan)
@@ -115,7 +119,7 @@ def _in_equilibrium(
     stopped = False
     try:
         for done, k in enumerate(sequence.tolist(), start=1):
-            if _settled(simulation, different[k], shift):
+            if walk.to(different[k]):
                 positions[k], rotations[k] = places.seen(simulation)
             if progress is not None:
                 progress(done, len(different))
@@ -127,17 +131,36 @@ def _in_equilibrium(
     )
 
 
-def _settled(simulation: Simulation, joints: Array, shift: float) -> bool:
-    """Go to the equilibrium reached from the last one; failing that, from the rest shape."""
-    for again in (False, True):
-        if again:
-            simulation.reset()
+class _Walk:
+    """Goes from equilibrium to equilibrium; where the next is not found from the last, from the start pose.
+
+    Bodies may be drawn far from any equilibrium, so even the first is reached by way of the start pose.
+    """
+
+    def __init__(self, simulation: Simulation, start: Array, shift: float) -> None:
+        self._simulation, self._start, self._shift = simulation, start, shift
+        self._settled(start)
+        self._home = simulation.snapshot()
+
+    def to(self, joints: Array) -> bool:
+        """Whether the equilibrium of joints (j,) was found; if not, nothing has moved."""
+        if self._settled(joints):
+            return True
+        before = self._simulation.snapshot()
+        for parts in PARTS:
+            self._simulation.restore(self._home)
+            ways = np.linspace(self._start, joints, parts + 1)[1:]
+            if all(self._settled(each) for each in ways):
+                return True
+        self._simulation.restore(before)
+        return False
+
+    def _settled(self, joints: Array) -> bool:
         try:
-            simulation.settle(joints, shift)
+            self._simulation.settle(joints, self._shift)
         except NotConvergedError:
-            continue
+            return False
         return True
-    return False
 
 
 def _in_time(

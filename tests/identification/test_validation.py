@@ -183,23 +183,32 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
     assert result.of(result.judged).count == 15
 
 
-def test_what_the_model_cannot_reach_is_not_reached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A row without equilibrium is tried again from the rest shape; the rows after it are found as before."""
+@pytest.mark.parametrize("fails", [1, 2, 99])
+def test_a_row_is_tried_from_the_start_pose_and_by_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: int
+) -> None:
+    """Where it is not found at all, the rows after it are found as before."""
     data = load_data_set(write_bench(tmp_path))
     session = load_session(data, data.description.sessions[0], every=6)
     lost, tries, settle = tripod_poses().joints[6], [], Simulation.settle
+    robot = load_scene("tripod")
 
     def settled(simulation: Simulation, joints: Array, shift: float) -> object:
-        if np.allclose(joints, lost):
-            tries.append(simulation.step_count)
+        if np.allclose(joints, lost) and len(tries) < fails:
+            tries.append(simulation.joint_positions)
             raise NotConvergedError("it is said so", 1.0, 1, 1.0)
         return settle(simulation, joints, shift)
 
     monkeypatch.setattr(Simulation, "settle", settled)
-    found = replay(load_scene("tripod"), session, "rows")
-    assert len(tries) == 2
-    assert found.reached.tolist() == [True, False, True, True]
-    assert np.abs(found.positions[2:, 0] - tripod_poses().positions[12::6]).max() < 1e-7
+    found = replay(robot, session, "rows")
+    assert found.reached.tolist() == [True, fails < 3, True, True]
+    assert np.allclose(tries[0], tripod_poses().joints[0])  # from the row before
+    if fails > 1:
+        assert np.allclose(tries[1], robot.start_joints)
+    if fails > 2:  # the last of eight parts
+        assert np.allclose(tries[2], robot.start_joints + 0.875 * (lost - robot.start_joints))
+    rows = found.reached.nonzero()[0]
+    assert np.abs(found.positions[rows, 0] - tripod_poses().positions[6 * rows]).max() < 1e-7
 
 
 def test_the_page_shows_errors_and_loads_nothing(tmp_path: Path) -> None:
