@@ -139,6 +139,7 @@ def validate_session(
     Raises:
         DataError: the data do not fit the robot, or do not tell what is to be fitted.
         SceneError: the scene cannot be built, or has nothing where a sensor sits.
+        KeyboardInterrupt: it was interrupted before anything was done; later, the result says so.
     """
     if robot is None or not session.description.replayed:
         nothing = np.full_like(session.measured, np.nan)
@@ -153,10 +154,12 @@ def compared(session: Session, prediction: Prediction, given: Alignment | None =
     description = session.description
     described = unaligned(np.array([sensor.offset for sensor in description.sensors]))
     session = _from_rest(session, prediction, described.points)
-    if not (session.fitting & prediction.at(session)[2]).any() and given is None:
-        told = "the replay was stopped before" if prediction.stopped else "the model finds no equilibrium at"
-        raise DataError(f"session {session.name}", "", f"{told} any row for training")
-    alignment = given or _aligned(session, prediction, described)
+    try:
+        alignment = given or _aligned(session, prediction, described)
+    except DataError as error:
+        if prediction.stopped:  # what is done is too little to be kept
+            raise KeyboardInterrupt from error
+        raise
     positions, rotations, known = prediction.at(session, alignment.delay)
     raw_positions, raw_rotations, _ = prediction.at(session)
     raw = described.errors(raw_positions, raw_rotations, session.measured)
@@ -168,7 +171,7 @@ def compared(session: Session, prediction: Prediction, given: Alignment | None =
         alignment.errors(positions, rotations, session.measured),
         sensed(positions, rotations, alignment.points),
         _others(session),
-        tuple(_warnings(session, known, alignment)),
+        tuple(_warnings(session, known, alignment, prediction.stopped)),
         prediction.stopped,
     )
 
@@ -194,6 +197,8 @@ def _aligned(session: Session, prediction: Prediction, described: Alignment) -> 
     def at(delay: float) -> Alignment:
         positions, rotations, known = prediction.at(session, delay)
         rows = session.fitting & known
+        if not rows.any():
+            raise DataError(what, "", "the model reaches no row for training")
         found = align(
             positions[rows],
             rotations[rows],
@@ -247,13 +252,14 @@ def _need_same_scale(session: Session, prediction: Prediction) -> None:
             )
 
 
-def _warnings(session: Session, known: BoolArray, alignment: Alignment) -> list[str]:
+def _warnings(session: Session, known: BoolArray, alignment: Alignment, stopped: bool) -> list[str]:
     told = []
     missing = int((session.used & ~known).sum())
     if missing:
-        told.append(
-            f"{missing} of {int(session.used.sum())} rows have no equilibrium of the model, and no error"
-        )
+        why = "have no equilibrium of the model" if session.times is None else "come after it diverged"
+        if stopped:
+            why = "were not replayed"
+        told.append(f"{missing} of {int(session.used.sum())} rows {why}, and have no error")
     turn = float(np.arccos(np.clip((np.trace(alignment.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     if turn > TURNED:
         told.append(

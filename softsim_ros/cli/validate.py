@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         register()
     data = load_data_set(arguments.data_set, arguments.data)
     model = None if arguments.others_only else arguments.robot or data.robot
-    results, failed = _results(arguments, data, model)
+    results, failed, interrupted = _results(arguments, data, model)
     if arguments.json:
         print(json.dumps(plain(data.description.name, model, results)))
     else:
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     beyond = [f"session {each.session.name}: {told}" for each in results for told in each.beyond]
     for sentence in beyond:
         print(f"softsim validate: beyond its limit: {sentence}", file=sys.stderr)
-    if any(each.stopped for each in results):
+    if interrupted:
         return EXIT_INTERRUPTED
     return 1 if beyond or failed else 0
 
@@ -103,8 +103,8 @@ def _limit(arguments: argparse.Namespace, name: str, otherwise: float) -> float:
 
 def _results(
     arguments: argparse.Namespace, data: DataSet, model: str | None
-) -> tuple[list[SessionResult], bool]:
-    """What each session gives, and whether one gave none, which is said."""
+) -> tuple[list[SessionResult], bool, bool]:
+    """What each session gives; whether one gave none, which is said; whether it was interrupted."""
     from softsim_core.identification.report import given_alignment, read_alignments
     from softsim_core.identification.session import load_session
     from softsim_core.identification.validation import session_robot, validate_session
@@ -113,7 +113,7 @@ def _results(
     chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]
     sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before one is replayed
     results: list[SessionResult] = []
-    failed = False
+    failed = interrupted = False
     for session in sessions:
         asked = model is not None and session.description.replayed
         robot = session_robot(model, session.description) if model is not None and asked else None
@@ -124,12 +124,15 @@ def _results(
         except DataError as error:
             print(f"softsim validate: {error}", file=sys.stderr)
             failed = True
+        except KeyboardInterrupt:
+            interrupted = True
         finally:
             progress.end()
-        if results and results[-1].stopped:
+        interrupted = interrupted or any(each.stopped for each in results)
+        if interrupted:
             print("softsim validate: interrupted; what is done follows", file=sys.stderr)
             break
-    return results, failed
+    return results, failed, interrupted
 
 
 def _chosen(data: DataSet, names: list[str]) -> list[SessionDescription]:

@@ -11,7 +11,7 @@ import pytest
 from headless_browser import chromium_path
 from measured_tripod import DESCRIPTION, POINT, SHIFT, TURN, tripod_poses, write_bench
 
-from softsim_core import NotConvergedError, Simulation, load_scene
+from softsim_core import DataError, NotConvergedError, Simulation, load_scene
 from softsim_core.arrays import Array
 from softsim_core.identification import load_data_set, load_session
 from softsim_core.identification.measures import by_region, measures
@@ -113,7 +113,7 @@ def test_rows_without_equilibrium_have_no_error(tmp_path: Path) -> None:
     result = compared(load_session(data, data.description.sessions[0]), prediction)
     assert result.of(result.judged).count == 23
     assert result.of(result.judged).max < 1e-7
-    assert result.warnings == ("1 of 24 rows have no equilibrium of the model, and no error",)
+    assert result.warnings == ("1 of 24 rows have no equilibrium of the model, and have no error",)
 
 
 def test_measures_of_known_errors() -> None:
@@ -180,6 +180,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
     assert found.reached.sum() == 15
     result = compared(session, found)
     assert result.stopped
+    assert result.warnings[0] == "9 of 24 rows were not replayed, and have no error"
     assert result.of(result.judged).count == 15
 
 
@@ -254,3 +255,44 @@ def test_swapped_commands_of_a_symmetric_robot_mirror_it(
     text = DESCRIPTION.replace("s0_deg, s1_deg", "s1_deg, s0_deg")
     assert main(["validate", str(write_bench(tmp_path, text=text)), "--every", "2"]) == 1
     assert "two columns of the sensor or of the commands are swapped" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("calls", "sessions", "fit"),
+    [(1, 0, "{}"), (4, 1, "{}"), (5, 1, "{}"), (6, 2, "{}"), (3, 0, "{frame: true}")],
+)
+def test_an_interrupt_ends_the_command_with_what_is_done(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    calls: int,
+    sessions: int,
+    fit: str,
+) -> None:
+    """Each session settles at the start pose and at its two rows."""
+    first = DESCRIPTION.replace("{frame: true, point: true}", fit)
+    second = first[first.index("  - name: poses") :].replace("name: poses", "name: again")
+    folder = write_bench(tmp_path, text=first + second)
+    settle, done = Simulation.settle, []
+
+    def settled(simulation: Simulation, joints: Array, shift: float) -> object:
+        done.append(joints)
+        if len(done) == calls:
+            raise KeyboardInterrupt
+        return settle(simulation, joints, shift)
+
+    monkeypatch.setattr(Simulation, "settle", settled)
+    assert main(["validate", str(folder), "--every", "12", "--json"]) == 130
+    assert len(done) == calls
+    shown, said = capsys.readouterr()
+    assert "interrupted; what is done follows" in said
+    assert len(json.loads(shown)["sessions"]) == sessions
+
+
+def test_a_model_that_reaches_nothing_is_said(tmp_path: Path) -> None:
+    data = load_data_set(write_bench(tmp_path))
+    session = load_session(data, data.description.sessions[0])
+    lost = np.full((24, 1, 3), np.nan)
+    prediction = Prediction(lost, np.full((24, 1, 3, 3), np.nan), np.zeros(24, bool))
+    with pytest.raises(DataError, match="session poses: the model reaches no row for training"):
+        compared(session, prediction)
