@@ -97,3 +97,40 @@ def test_the_beam_rings_as_measured(reference_dir: Path, capsys: pytest.CaptureF
         assert measured["frequency"] == pytest.approx({"gravity": 7.731, "load52": 4.347}[session], rel=0.01)
         assert model["frequency"] == pytest.approx(measured["frequency"], rel=0.02)
         assert model["damping"] == pytest.approx(measured["damping"], rel=0.15)
+
+
+@pytest.mark.reference
+@pytest.mark.numba
+@pytest.mark.slow
+def test_emio_with_frame_and_sensor_point_is_within_its_limits(
+    reference_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each sixth row of two sessions, one of each sensor; the exhaustive test takes all."""
+    chosen = ["--session", "sphere_polhemus", "--session", "sphere8_tetra_camera", "--every", "6"]
+    folder = str(reference_dir / FOLDERS["emio"])
+    assert main(["validate", "emio", "--json", "--data", folder, *chosen]) == 0
+    told = json.loads(capsys.readouterr().out)["sessions"]
+    for session, below in (("sphere_polhemus", -11e-3), ("sphere8_tetra_camera", 3e-3)):
+        assert told[session]["warnings"] == []
+        alignment = told[session]["alignment"]
+        ((_, _, z),) = alignment["points_m"]  # height of point and frame trade; their sum is known
+        assert z - alignment["shift_m"][2] == pytest.approx(below, abs=2.5e-3)
+
+
+@pytest.mark.reference
+@pytest.mark.numba
+@pytest.mark.exhaustive
+def test_emio_with_frame_and_sensor_point_is_within_its_limits_in_every_session(
+    reference_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["validate", "emio", "--json", "--data", str(reference_dir / FOLDERS["emio"])]) == 0
+    told = json.loads(capsys.readouterr().out)["sessions"]
+    means = {name: each["aligned"]["mean_mm"] for name, each in told.items() if "aligned" in each}
+    known = {  # what another implementation of the same rods reached
+        "cube_polhemus": 2.23,
+        "sphere_polhemus": 1.89,
+        "sphere8_beam_polhemus": 1.82,
+        "sphere8_tetra_polhemus": 1.89,
+        "sphere8_tetra_camera": 1.85,
+    }
+    assert means == pytest.approx(known, abs=0.05)
