@@ -297,7 +297,7 @@ class SolverSettings:
         spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
         substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
             one: 1 (always whole), 2, 4 and so on up to 64.
-        iterations: Newton iterations of a step at most, >= 1; with 1 it is linearised once. "bossak" takes two
+        iterations: Newton iterations of a step at most, >= 1; with 1 it is linearised once. "bossak" takes 2
             at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
         iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
             >= 0.
