@@ -53,7 +53,7 @@ from softsim_core.scene.description import (
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
-from softsim_core.scene.rod import draw_rod
+from softsim_core.scene.rod_builder import draw_rod
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
 """Element of bodies that name none, by the nodes of a cell of their mesh."""
