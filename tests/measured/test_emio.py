@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 
 from softsim_core.arrays import Array
+from softsim_core.inverse.sensitivity import analytic_sensitivity, sampled_sensitivity
+from softsim_core.inverse.static import solve_pose
+from softsim_core.inverse.tasks import PositionTask
 from softsim_core.mechanics.pose import rotation_log
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
@@ -131,3 +134,25 @@ def steps(backend: str) -> Array:
 
 def test_both_implementations_step_alike() -> None:
     assert np.abs(steps("numba") - steps("scipy")).max() < 1e-9
+
+
+@pytest.mark.parametrize("backend", ["scipy", pytest.param("numba", marks=pytest.mark.numba)])
+def test_derivatives_by_the_servos_are_those_of_equilibria(backend: str) -> None:
+    simulation = Simulation(load_yaml(FILE).scene, backend=backend)  # type: ignore[arg-type]
+    simulation.settle([0.9, -0.4, 0.6, -0.8])
+    exact, sampled = analytic_sensitivity(simulation), sampled_sensitivity(simulation, np.full(4, 1e-5))
+    assert np.abs(exact.effector - sampled.effector).max() < 1e-4 * np.abs(sampled.effector).max()
+    assert np.abs(exact.effort - sampled.effort).max() < 1e-3 * np.abs(sampled.effort).max()
+
+
+def test_statics_find_the_angles_for_a_place_of_the_centre() -> None:
+    pytest.importorskip("daqp")
+    goal = np.array([0.015, -0.010, -0.105])
+    found = solve_pose(load_yaml(FILE), PositionTask(goal, np.ones(3)))
+    assert found.reachable
+    assert emio_as_it_is().equilibrium(found.joints).state.frame_positions[0] == pytest.approx(goal, abs=1e-4)
+
+
+@cache
+def emio_as_it_is() -> Simulation:
+    return Simulation(load_yaml(FILE).scene, backend="scipy")
