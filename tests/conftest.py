@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
@@ -18,6 +19,10 @@ from reruns import RERUNS, Reruns  # noqa: E402
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What a program of the suite handles."""
+
+
+settings.register_profile("seeded", derandomize=True)
+settings.load_profile("seeded")  # each run draws the same examples, on every machine
 
 
 def pytest_configure(config: pytest.Config) -> None:

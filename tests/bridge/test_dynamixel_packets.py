@@ -183,6 +183,8 @@ def test_the_makers_library_sends_the_same_and_reads_ours(body: bytes, servo_id:
         makers.writeTxOnly(line, servo_id, 116, len(body), list(body))
         assert line.written == ours
     assert makers.updateCRC(0, list(ours), len(ours) - 2) == int.from_bytes(ours[-2:], "little")
+    if b"\xff\xff\xfd" in body:  # what it reads of such a body is not what was sent, either
+        return
     line = Line(packets.status(servo_id, body, 0x80))
     said, result, error = makers.readTxRx(line, servo_id, 64, len(body))
     assert (bytes(said[: len(body)]), result, error) == (body, 0, 0x80)
