@@ -51,6 +51,7 @@ GROUPS: dict[str, str] = {
     ),
     "Models beside measurements": (
         "known_data_sets load_data_set DataSet load_session Session session_robot validate_session "
+        "load_calibration calibrate Calibration CalibrationDescription ParameterDescription "
         "SessionResult Measures Alignment DataSetDescription DataFolder SessionDescription CommandColumns "
         "SensorDescription OtherModel TimeColumn FrameDescription AlignmentDescription SplitDescription "
         "ErrorLimits"

@@ -43,6 +43,13 @@ if TYPE_CHECKING:
         SolverDivergedError,
     )
     from softsim_core.identification.alignment import Alignment
+    from softsim_core.identification.calibration import (
+        Calibration,
+        CalibrationDescription,
+        ParameterDescription,
+        calibrate,
+        load_calibration,
+    )
     from softsim_core.identification.description import (
         AlignmentDescription,
         CommandColumns,
@@ -136,6 +143,8 @@ __all__ = [
     "BusServo",
     "CableDescription",
     "CableView",
+    "Calibration",
+    "CalibrationDescription",
     "Camera",
     "ChamberDescription",
     "CollisionDescription",
@@ -176,6 +185,7 @@ __all__ = [
     "NotConvergedError",
     "OrientationTask",
     "OtherModel",
+    "ParameterDescription",
     "Part",
     "PathRefusedError",
     "Placed",
@@ -223,11 +233,13 @@ __all__ = [
     "animated",
     "boundary_surface",
     "box_mesh",
+    "calibrate",
     "check_tets",
     "find_config",
     "known_data_sets",
     "known_scenes",
     "line_stiffness",
+    "load_calibration",
     "load_data_set",
     "load_scene",
     "load_session",
@@ -276,6 +288,9 @@ _NAMES = {
     "softsim_core.identification.files": "DataSet known_data_sets load_data_set",
     "softsim_core.identification.measures": "Measures",
     "softsim_core.identification.session": "Session load_session",
+    "softsim_core.identification.calibration": (
+        "Calibration CalibrationDescription ParameterDescription calibrate load_calibration"
+    ),
     "softsim_core.identification.validation": "SessionResult session_robot validate_session",
     "softsim_core.inverse.closed_loop": "TiltController TiltGains",
     "softsim_core.inverse.controller": "InverseController InverseReport",

@@ -13,6 +13,7 @@ from softsim_core.errors import NotConvergedError, SolverDivergedError
 from softsim_core.identification.description import SensorDescription
 from softsim_core.identification.places import Places
 from softsim_core.identification.session import Session
+from softsim_core.mechanics.state import State
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.simulation import Simulation
 
@@ -65,8 +66,16 @@ class Prediction:
         return positions, self.rotations[np.where(part[:, 0, 0] < 0.5, right - 1, right)], reached
 
 
+Near: TypeAlias = dict[tuple[float, ...], State]
+"""Equilibria by the command of the joints, of a model that differs little."""
+
+
 def replay(
-    robot: RobotDescription, session: Session, order: Order = "nearest", progress: Progress | None = None
+    robot: RobotDescription,
+    session: Session,
+    order: Order = "nearest",
+    progress: Progress | None = None,
+    near: Near | None = None,
 ) -> Prediction:
     """Give a model the commands of a session; an interrupt (Ctrl-C) keeps what is done.
 
@@ -75,6 +84,7 @@ def replay(
         session: The session.
         order: In which its rows are solved; rows in time are played as they are.
         progress: Told rows or steps.
+        near: Where rows in equilibrium begin that it knows; it takes over those that are found.
 
     Raises:
         DataError: the commands do not fit the robot.
@@ -83,7 +93,8 @@ def replay(
     commands = session.commands(robot)
     if session.times is not None:
         return _in_time(robot, session, commands, progress)
-    return _in_equilibrium(robot, session.description.sensors, commands, order, progress)
+    sensors, known = session.description.sensors, {} if near is None else near
+    return _in_equilibrium(robot, sensors, commands, order, progress, known)
 
 
 def in_short_steps(points: Array, start: Array) -> IndexArray:
@@ -103,6 +114,7 @@ def _in_equilibrium(
     commands: Array,
     order: Order,
     progress: Progress | None,
+    near: Near,
 ) -> Prediction:
     """The equilibrium of each different command, each from the one before."""
     simulation = Simulation(robot.robot_alone())
@@ -119,7 +131,9 @@ def _in_equilibrium(
     stopped = False
     try:
         for done, k in enumerate(sequence.tolist(), start=1):
-            if walk.to(different[k]):
+            command = tuple(different[k].tolist())
+            if (found := walk.to(different[k], near.get(command))) is not None:
+                near[command] = found
                 positions[k], rotations[k] = places.seen(simulation)
             if progress is not None:
                 progress(done, len(different))
@@ -139,28 +153,38 @@ class _Walk:
 
     def __init__(self, simulation: Simulation, start: Array, shift: float) -> None:
         self._simulation, self._start, self._shift = simulation, start, shift
-        self._settled(start)
-        self._home = simulation.snapshot()
+        self._home: State | None = None
+        self._last: State | None = None
 
-    def to(self, joints: Array) -> bool:
-        """Whether the equilibrium of joints (j,) was found; if not, nothing has moved."""
-        if self._settled(joints):
-            return True
-        before = self._simulation.snapshot()
+    def to(self, joints: Array, near: State | None) -> State | None:
+        """The equilibrium of joints (j,), from one that is near or from the last; None: it is not found."""
+        found = None
+        for start in (near, self._last):
+            if found is None and start is not None:
+                found = self._settled(joints, start)
+        if found is None:
+            found = self._from_home(joints)
+        self._last = found or self._last
+        return found
+
+    def _from_home(self, joints: Array) -> State | None:
+        if self._home is None:
+            self._home = self._settled(self._start)
         for parts in PARTS:
-            self._simulation.restore(self._home)
-            ways = np.linspace(self._start, joints, parts + 1)[1:]
-            if all(self._settled(each) for each in ways):
-                return True
-        self._simulation.restore(before)
-        return False
+            found = self._home
+            for each in np.linspace(self._start, joints, parts + 1)[1:]:
+                found = self._settled(each, found)
+                if found is None:
+                    break
+            if found is not None:
+                return found
+        return None
 
-    def _settled(self, joints: Array) -> bool:
+    def _settled(self, joints: Array, start: State | None = None) -> State | None:
         try:
-            self._simulation.settle(joints, self._shift)
+            return self._simulation.settle(joints, self._shift, start=start).state
         except NotConvergedError:
-            return False
-        return True
+            return None
 
 
 def _in_time(

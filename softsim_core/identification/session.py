@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,18 @@ class Session:
         """Rows whose errors count: those held out, where there are some, shape (k,)."""
         held_out = self.used & ~self.training
         return held_out if held_out.any() else self.used
+
+    def part(self, rows: IndexArray) -> Session:
+        """The rows of those indices alone; of a session whose rows stand for themselves."""
+        assert self.times is None
+        return replace(
+            self,
+            table=self.table.part(rows),
+            measured=self.measured[rows],
+            others={name: (sensor, places[rows]) for name, (sensor, places) in self.others.items()},
+            used=self.used[rows],
+            training=self.training[rows],
+        )
 
     def commands(self, robot: RobotDescription) -> Array:
         """What each row commands each joint of a robot, in [rad], [m] or the joint's own unit, (k, j).

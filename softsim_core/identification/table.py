@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import DataError, listing
 from softsim_core.units import SCALES
 
@@ -35,8 +35,13 @@ class Table:
 
     def each(self, count: int) -> Table:
         """Each so many-th row, the first included."""
-        columns = {name: cells[::count] for name, cells in self.columns.items()}
-        return Table(self.file, columns, self.lines[::count])
+        return self.part(np.arange(0, len(self), count))
+
+    def part(self, rows: IndexArray) -> Table:
+        """The rows of those indices alone."""
+        chosen = rows.tolist()
+        columns = {name: [cells[k] for k in chosen] for name, cells in self.columns.items()}
+        return Table(self.file, columns, [self.lines[k] for k in chosen])
 
     def numbers(self, name: str, unit: str | None = None) -> Array:
         """A column in SI, all numbers finite, shape (rows,).

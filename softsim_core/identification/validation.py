@@ -19,6 +19,8 @@ from softsim_core.identification.ringing import Ringing, ringing
 from softsim_core.identification.session import Session
 from softsim_core.scene import load_scene
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.structure import sourced
+from softsim_core.scene.yaml_source import merge
 
 SCALE_APART = 8.0
 """Measured and simulated motion of sizes so many times apart are taken for ones in different units."""
@@ -117,7 +119,8 @@ def session_robot(
     name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
 ) -> RobotDescription:
     """The model of a session: its overrides, or those that are given, laid over a robot's or scene's file."""
-    return load_scene(name_or_path, {**session.overrides, **(overrides or {})})
+    whole = merge(sourced(session.overrides, None), sourced(overrides or {}, None))
+    return load_scene(name_or_path, whole)
 
 
 def validate_session(

@@ -32,7 +32,7 @@ from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.limits import check_command
 from softsim_core.mechanics.snapshot import need_rotations, pack, unpack
-from softsim_core.mechanics.state import WARM_START_COLUMNS
+from softsim_core.mechanics.state import WARM_START_COLUMNS, State
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
@@ -382,6 +382,7 @@ class Simulation(SceneState):
         base_shift: float | None = None,
         *,
         tolerance: float = 1e-11,
+        start: State | None = None,
     ) -> StaticSolution:
         """The static equilibrium that is reached from the present state; nothing is changed.
 
@@ -389,6 +390,7 @@ class Simulation(SceneState):
             joints: Where the joints are commanded to be, in [rad] or [m], limits or not.
             base_shift: Shift in [m] of all joint bases; None: the present one.
             tolerance: See solve_static, in [m].
+            start: Where to start in the place of the present state, such as another solution's state.
 
         Raises:
             CommandError: wrong length or not finite.
@@ -398,7 +400,7 @@ class Simulation(SceneState):
         control = Control(targets, self.forces, self.base_shift if base_shift is None else float(base_shift))
         return solve_static(
             self.model,
-            self._state,
+            self._state if start is None else start,
             control,
             self.parameters,
             actuators=self._actuators,
@@ -407,14 +409,19 @@ class Simulation(SceneState):
         )
 
     def settle(
-        self, joints: Sequence[float] | Array, base_shift: float | None = None, *, tolerance: float = 1e-11
+        self,
+        joints: Sequence[float] | Array,
+        base_shift: float | None = None,
+        *,
+        tolerance: float = 1e-11,
+        start: State | None = None,
     ) -> StaticSolution:
         """Go to the static equilibrium that `equilibrium` finds, at rest; time stands still.
 
         Raises:
             CommandError, NotConvergedError: as `equilibrium`; nothing is changed.
         """
-        solution = self.equilibrium(joints, base_shift, tolerance=tolerance)
+        solution = self.equilibrium(joints, base_shift, tolerance=tolerance, start=start)
         self._state.copy_from(solution.state)
         let_relax(self.model, self._state, self.parameters)
         self._drive.place(np.array(joints, dtype=float), self.base_shift)

@@ -55,6 +55,9 @@ COMMANDS = {
     "validate": Command(
         "softsim_ros.cli.validate", "compare a model with measurements of the real robot, in mm"
     ),
+    "calibrate": Command(
+        "softsim_ros.cli.calibrate", "find parameters of a model from measurements, and what they do not tell"
+    ),
     "demo": Command("softsim_ros.cli.demo", "show a robot at work: softsim demo grasp"),
     "bench": Command("softsim_ros.cli.bench", "measure the speed of a simulation step on this machine"),
     "test": Command("softsim_ros.cli.suite", "run the test suite (--quick: under two minutes)", True),
