@@ -238,14 +238,16 @@ class _Errors:
             self._progress(self.count, mean, values)
         return total
 
-    def follow(self, sessions: Sequence[Session], values: Array) -> None:
+    def follow(
+        self, sessions: Sequence[Session], values: Array, told: Callable[[int, int], None] | None
+    ) -> None:
         """Find the equilibria of all rows of sessions once, from neighbour to neighbour.
 
         A bent robot may have several for one command, and rows far apart lead to others than it went through.
         """
         for session, near in zip(sessions, self._near, strict=True):
             if session.times is None:
-                replay(self._robot(session, values), session, near=near)
+                replay(self._robot(session, values), session, progress=told, near=near)
 
     def _robot(self, session: Session, values: Array) -> RobotDescription:
         pairs = dict(zip(self._names, values.tolist(), strict=True))
@@ -262,6 +264,7 @@ def calibrate(
     data: DataSet,
     every: int | None = None,
     progress: Progress | None = None,
+    following: Callable[[int, int], None] | None = None,
 ) -> Calibration:
     """Fit a model to measurements; an interrupt (Ctrl-C) keeps the best so far.
 
@@ -270,6 +273,7 @@ def calibrate(
         data: The measurements.
         every: In the place of that of the description; None: as described.
         progress: Told what is done.
+        following: Told, before that, how many rows of a session are found of how many.
 
     Raises:
         DataError: the data cannot be used, or the model loses their rows.
@@ -305,7 +309,7 @@ def calibrate(
         return result
 
     begin = np.clip((start - low) / span, 1e-6, 1.0 - 1e-6)
-    errors.follow(whole, start)
+    errors.follow(whole, start, following)
     errors(start)
     before, rows = dict(errors.means), {each.name: int(each.fitting.sum()) for each in sessions}
     stopped, unknown = False, np.full((len(wanted),) * 2, np.nan)

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     data = data_of(description, file, arguments.data)
     progress = _Progress(len(description.parameters))
     try:
-        result = calibrate(description, data, arguments.every, progress)
+        result = calibrate(description, data, arguments.every, progress, progress.rows)
     finally:
         progress.end()
     if arguments.json:
@@ -171,6 +171,11 @@ class _Progress:
     def __init__(self, parameters: int) -> None:
         self._shown, self._begin, self._count, self._best = sys.stderr.isatty(), time.monotonic(), 0, np.inf
         self._per_round = parameters + 1
+
+    def rows(self, done: int, total: int) -> None:
+        """Told how many rows of a session have been found once."""
+        if self._shown and (done % 10 == 0 or done == total):
+            print(f"\r{f'finding all rows once: {done}/{total}':<78}", end="", file=sys.stderr, flush=True)
 
     def __call__(self, count: int, mean: float, values: Array) -> None:
         self._count, self._best = count, min(self._best, mean)
