@@ -31,6 +31,7 @@ def test_ros2_control_drives_the_servos(
     try:
         assert board.wait_for(lambda b: b.servo_bytes == (150, 150, 150))
         assert wait_until(lambda: all(map(math.isfinite, hardware.states.values())))
+        assert wait_until(lambda: applied)  # a second subscription, which may hear later
         assert applied[-1].header.frame_id == "tripod/base_link"
         hardware.commands = {"servo_0": -1.4965, "servo_1": math.nan, "servo_2": -9.0}
         assert board.wait_for(lambda b: b.servo_bytes == (93, 150, 63))
