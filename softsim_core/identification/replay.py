@@ -153,35 +153,31 @@ class _Walk:
 
     def __init__(self, simulation: Simulation, start: Array, shift: float) -> None:
         self._simulation, self._start, self._shift = simulation, start, shift
-        self._home: State | None = None
-        self._last: State | None = None
+        self._settled(start)
+        self._home = simulation.snapshot()
 
     def to(self, joints: Array, near: State | None) -> State | None:
-        """The equilibrium of joints (j,), from one that is near or from the last; None: it is not found."""
-        found = None
-        for start in (near, self._last):
-            if found is None and start is not None:
-                found = self._settled(joints, start)
-        if found is None:
-            found = self._from_home(joints)
-        self._last = found or self._last
-        return found
-
-    def _from_home(self, joints: Array) -> State | None:
-        if self._home is None:
-            self._home = self._settled(self._start)
+        """The equilibrium of joints (j,), from one that is near or from the last; None: nothing has moved."""
+        if near is not None and (found := self._settled(joints, near)) is not None:
+            return found
+        if (found := self._settled(joints)) is not None:
+            return found
+        before = self._simulation.snapshot()
         for parts in PARTS:
-            found = self._home
-            for each in np.linspace(self._start, joints, parts + 1)[1:]:
-                found = self._settled(each, found)
-                if found is None:
+            self._simulation.restore(self._home)
+            ways = np.linspace(self._start, joints, parts + 1)[1:]
+            for each in ways:
+                if (found := self._settled(each)) is None:
                     break
             if found is not None:
                 return found
+        self._simulation.restore(before)
         return None
 
     def _settled(self, joints: Array, start: State | None = None) -> State | None:
         try:
+            if start is None:
+                return self._simulation.settle(joints, self._shift).state
             return self._simulation.settle(joints, self._shift, start=start).state
         except NotConvergedError:
             return None
