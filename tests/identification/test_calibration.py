@@ -120,6 +120,7 @@ def test_without_noise_they_are_exact(tmp_path: Path) -> None:
     assert result.after["first"] < 2e-5
 
 
+@pytest.mark.exhaustive
 def test_intervals_hold_the_truth_as_often_as_told(tmp_path: Path) -> None:
     inside = []
     for seed in range(30):
