@@ -25,7 +25,7 @@ import scipy.sparse as sp
 
 from softsim_core.actuation.actuator import GeometricStiffness
 from softsim_core.actuation.actuators import Actuators
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
 from softsim_core.dynamics.assembly import (
     Unknowns,
@@ -39,7 +39,7 @@ from softsim_core.fem.assembly import inverted_cells
 from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
 from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control, Parameters
-from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.model import Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
 
@@ -149,7 +149,7 @@ class _Problem:
         given = (state.buffer, control.targets, control.forces, control.base_shift)
         if not all(np.isfinite(each).all() for each in given):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
-        self.lever = self._levers()
+        self.lever, self.beside = self._levers(), _beside(model)
         volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
         self.near = NEAR * float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
         self.first_residual = np.zeros(self.at.size + self.held)
@@ -239,13 +239,17 @@ class _Problem:
         return self._unbalanced(residual)
 
     def _predicted(self, before: State, goal: float) -> State:
-        """Prescribed joints and bases at `goal`; all else follows them to first order."""
+        """Prescribed joints and bases at `goal`; all else follows them to first order.
+
+        Nodes that share a short cell with what joints move turn with it as a whole, and add what they do
+        beside that: the cell would be torn if its one end turned and the other were moved straight.
+        """
         at, model = self.at, self.model
         state = _copy(model, before)
         state.joint_positions[at.prescribed] = self._targets(goal)[at.prescribed]
         state.base_shift[0] = self.first_shift + goal * (self.control.base_shift - self.first_shift)
         model.place_regions(state)
-        driven = (state.positions - before.positions).ravel()
+        driven = self._driven(before, state).ravel()
         if driven.any():
             residual, forces = self._residual(before, goal)
             stiffness = node_stiffness(model, before, self.parameters)
@@ -254,6 +258,23 @@ class _Problem:
             residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
             self._move(state, self._solve(factors, residual, before))
         return state
+
+    def _driven(self, before: State, state: State) -> Array:
+        """What joints and bases move to first order in [m], (n, 3); places nodes of `beside` in `state`."""
+        model, first = self.model, 6 * len(self.model.frame_names)
+        shifted = _copy(model, before)
+        shifted.base_shift[0] = state.base_shift[0]
+        change = state.joint_positions - before.joint_positions
+        subspace, driven = model.motion_subspace(before), np.zeros_like(before.positions)
+        for region, nodes in self.beside:
+            both = np.concatenate([region.nodes, nodes])
+            (origin, rotation), (moved, _) = (model.region_frame(region, each) for each in (before, shifted))
+            driven[both] = moved - origin
+            for k in region.reduced[region.reduced >= first].tolist():
+                driven[both] += change[k - first] * subspace.jacobian(k, before.positions[both])
+            target, turned = model.region_frame(region, state)
+            state.positions[nodes] = target + (before.positions[nodes] - origin) @ rotation @ turned.T
+        return driven
 
     def _targets(self, fraction: float) -> Array:
         return np.asarray(self.first_targets + fraction * (self.control.targets - self.first_targets))
@@ -357,6 +378,20 @@ class _Problem:
 
     def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
         return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))
+
+
+def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
+    """Of each region, the nodes that share a short cell with it and belong to none."""
+    free, found = np.zeros(len(model.rest), dtype=np.bool_), []
+    free[model.free_nodes] = True
+    for k, region in enumerate(model.regions):
+        touched = np.zeros_like(free)
+        for group in model.filling:
+            cells = group.cells[group.short]
+            touched[cells[(model.region_of_node[cells] == k).any(axis=1)]] = True
+        found.append((region, np.flatnonzero(touched & free)))
+        free &= ~touched
+    return found
 
 
 def _copy(model: Model, state: State) -> State:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.fem.elements.element import Element, cell_axes, rest_quadrature
 from softsim_core.fem.elements.surface import surface_quadrature
 from softsim_core.fem.materials.material import Material
@@ -48,6 +48,11 @@ class ElementGroup:
     def volumes(self) -> Array:
         """Rest volume of each cell in [m^3], shape (m,)."""
         return np.asarray(self.weights.sum(axis=1))
+
+    @property
+    def short(self) -> BoolArray:
+        """Which cells are far shorter than they are thick, as clamps of rods, shape (m,)."""
+        return np.zeros(len(self.cells), dtype=np.bool_)
 
     def part(self, chosen: IndexArray) -> ElementGroup:
         """The group of the chosen cells (k,) alone."""

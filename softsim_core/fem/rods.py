@@ -173,6 +173,11 @@ class RodGroup(ElementGroup):
     own: BoolArray
     reach: Array
 
+    @property
+    def short(self) -> BoolArray:
+        """See ElementGroup."""
+        return self.own
+
     def part(self, chosen: IndexArray) -> RodGroup:
         """See ElementGroup."""
         line, sections = self.line.part(chosen), self.sections.part(chosen)

@@ -19,7 +19,7 @@ from softsim_core.inverse.tasks import PositionTask
 from softsim_core.mechanics.pose import rotation_log
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodSectionDescription
+from softsim_core.scene.rod import RodClampDescription, RodSectionDescription
 from softsim_core.scene.yaml_loader import load_yaml
 from softsim_core.simulation.simulation import Simulation
 
@@ -121,6 +121,24 @@ def test_what_the_strips_ask_of_the_servos() -> None:
     efforts = [np.abs(emio().equilibrium(angles).state.joint_efforts).max() for angles in CAD]
     assert min(efforts) > 0.01
     assert max(efforts) < 0.2
+
+
+@cache
+def clamped() -> Simulation:
+    """With clamps as stiff as walls."""
+    scene = load_yaml(FILE).scene
+    stiff = RodClampDescription(rotation=(1e6, np.inf, np.inf))
+    bodies = [replace(each, rod=replace(each.rod, start_clamp=stiff)) for each in scene.bodies if each.rod]
+    return Simulation(replace(scene, bodies=tuple(bodies)), backend="scipy")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stiff_clamps_change_nothing_however_far_servos_turn_at_once(seed: int) -> None:
+    """A clamp is a cell of 0.19 mm; that which is torn by a turn leads to other equilibria, 20 mm away."""
+    angles = np.random.default_rng(seed).uniform(-0.3, 1.4, 4) * np.array([1.0, -1.0, 1.0, -1.0])
+    plain, stiff = emio_as_it_is().equilibrium(angles), clamped().equilibrium(angles)
+    assert stiff.state.frame_positions[0] == pytest.approx(plain.state.frame_positions[0], abs=1e-4)
+    assert stiff.iterations < 60
 
 
 def steps(backend: str) -> Array:
