@@ -40,7 +40,7 @@ from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
 from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model, RigidRegion
-from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mechanics.pose import nearest_rotation, rotation_exp
 from softsim_core.mechanics.state import State
 
 SMALLEST_PART = 1.0 / 1024.0
@@ -267,13 +267,15 @@ class _Problem:
         change = state.joint_positions - before.joint_positions
         subspace, driven = model.motion_subspace(before), np.zeros_like(before.positions)
         for region, nodes in self.beside:
-            both = np.concatenate([region.nodes, nodes])
-            (origin, rotation), (moved, _) = (model.region_frame(region, each) for each in (before, shifted))
-            driven[both] = moved - origin
+            held, both = before.positions[region.nodes], np.concatenate([region.nodes, nodes])
+            driven[region.nodes] = shifted.positions[region.nodes] - held
+            driven[nodes] = _moved_along(before.positions[nodes], held, shifted.positions[region.nodes])
+            driven[nodes] -= before.positions[nodes]
             for k in region.reduced[region.reduced >= first].tolist():
                 driven[both] += change[k - first] * subspace.jacobian(k, before.positions[both])
-            target, turned = model.region_frame(region, state)
-            state.positions[nodes] = target + (before.positions[nodes] - origin) @ rotation @ turned.T
+            state.positions[nodes] = _moved_along(
+                before.positions[nodes], held, state.positions[region.nodes]
+            )
         return driven
 
     def _targets(self, fraction: float) -> Array:
@@ -392,6 +394,14 @@ def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
         found.append((region, np.flatnonzero(touched & free)))
         free &= ~touched
     return found
+
+
+def _moved_along(points: Array, before: Array, after: Array) -> Array:
+    """Points (k, 3) moved as what takes nodes (n, 3) from `before` to `after` without straining them."""
+    if not len(points):
+        return points
+    first, last = before.mean(axis=0), after.mean(axis=0)
+    return np.asarray(last + (points - first) @ nearest_rotation(before - first, after - last).T)
 
 
 def _copy(model: Model, state: State) -> State:

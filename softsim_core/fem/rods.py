@@ -22,6 +22,12 @@ as any other body.
 Sources: Simo 1985, A finite strain beam formulation; Romero and Armero 2002, An objective finite element
 approximation of the kinematics of geometrically exact rods; Betsch and Steinmann 2002, Frame-indifferent beam
 finite elements based upon the geometrically exact beam theory.
+
+A clamp that gives way is a cell of its own, whose outer section and middle one, A' and A, belong to what
+holds the rod, and whose third, B, is the rod's end. With h between sections, :math:`t = (r_A - r_{A'}) / h`
+and :math:`g = (r_B - r_A) / h`, its two points have :math:`r', d_i, d_i'` of their own: g, d_i of A, and how
+these differ from A' to A; then t, d_i of A, and d_i of B over h, which make of :math:`\kappa_i` and
+:math:`\tau` the sines of what B has turned beside A. So B turns about its own centre, and far.
 """
 
 from __future__ import annotations
@@ -247,6 +253,8 @@ def rod_group(
     for s in range(SECTIONS):
         across[:, s, :, 3 * s : 3 * s + 3] = of_cells[:, s, 1:]
     line_maps, half = np.stack(maps, axis=2), 0.5 * sections.lengths[:, None]
+    for cell in np.flatnonzero(sections.own).tolist():
+        line_maps[cell] = _clamp_maps(of_cells[cell], float(half[cell, 0]), at_start=cell == 0)
     drawn = line_maps @ mesh.points[mesh.cells][:, None]
     natural = 0.5 * np.einsum("mqfi,kfg,mqgi->mqk", drawn, LINE_FORMS, drawn)
     natural = np.where(sections.straight[:, None, None], STRAIGHT, natural)
@@ -269,6 +277,27 @@ def rod_group(
         own=sections.own,
         reach=sections.reach,
     )
+
+
+def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
+    """From the nodes of a clamp's cell to its vectors, shape (2, 5, 9); see the module.
+
+    Args:
+        of_sections: From the nodes of each section to r, d_1, d_2, shape (3, 3, 3).
+        gap: Between sections, in [m].
+        at_start: Whether the clamp is at the rod's start; then its own last section is the rod's.
+    """
+    whole = np.zeros((SECTIONS, 3, 9))
+    for s in range(SECTIONS):
+        whole[s, :, 3 * s : 3 * s + 3] = of_sections[s]
+    outer, held, end = whole if at_start else whole[::-1]
+    along = (1.0 if at_start else -1.0) / gap
+    maps = np.zeros((2, 5, 9))
+    maps[0, _R], maps[1, _R] = along * (end[0] - held[0]), along * (held[0] - outer[0])
+    maps[:, [_D1, _D2]] = held[1:]
+    maps[0, [_B1, _B2]] = along * (held[1:] - outer[1:])
+    maps[1, [_B1, _B2]] = along * end[1:]
+    return maps
 
 
 def joined(groups: Sequence[RodGroup]) -> RodGroup:

@@ -10,7 +10,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError, listing
 from softsim_core.identification.description import EFFECTOR, SensorDescription
-from softsim_core.mechanics.pose import rotation_of
+from softsim_core.mechanics.pose import nearest_rotation, rotation_of
 from softsim_core.mesh.embedding import embed
 from softsim_core.simulation import Simulation
 
@@ -33,9 +33,9 @@ class _BodyPlace:
     def seen(self, positions: Array) -> tuple[Array, Array]:
         """Where it is, and how far it is turned from rest."""
         moved = positions[self.around]
-        u, _, vt = np.linalg.svd(self.centred.T @ (moved - moved.mean(axis=0)))
-        sign = np.sign(np.linalg.det(u @ vt))
-        return self.weights @ positions[self.nodes], ((u * (1.0, 1.0, sign)) @ vt).T
+        return self.weights @ positions[self.nodes], nearest_rotation(
+            self.centred, moved - moved.mean(axis=0)
+        )
 
 
 class Places:

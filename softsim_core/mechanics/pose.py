@@ -60,6 +60,16 @@ def rotation_log(rotation: Array) -> Array:
     return np.asarray(2.0 * np.arctan2(sine, w) / sine * np.array([x, y, z]))
 
 
+def nearest_rotation(before: Array, after: Array) -> Array:
+    """Rotation R (3, 3) with the least squares of after - R before; both of shape (n, 3), about their means.
+
+    Source: Kabsch 1976, with the proper rotation of Umeyama 1991.
+    """
+    u, _, vt = np.linalg.svd(before.T @ after)
+    sign = np.sign(np.linalg.det(u @ vt))
+    return np.asarray(((u * (1.0, 1.0, sign)) @ vt).T)
+
+
 def rotation_euler(angles: Array) -> Array:
     """Rotation Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, then y, then z."""
     (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)

@@ -83,13 +83,14 @@ class RodSectionDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RodClampDescription:
-    """What holds an end of a rod, where that gives way: a short piece in front of it.
+    """What holds an end of a rod, where that gives way: a short rigid piece, on which the end moves.
 
-    The piece goes on along the tangent by `length`; what holds the rod holds its far end.
+    The piece goes on along the tangent by `length`; what holds the rod holds its far end. The end of the rod
+    turns about its own centre; by an angle a takes half the stiffness times sin(2 a).
 
     Attributes:
         translation: Stiffness in [N/m] along the tangent and the first and second axis, each > 0; .inf: as
-            stiff as the rod itself.
+            stiff as the piece.
         rotation: Stiffness in [N m/rad] against bending along the first and the second axis, and twist; as
             above.
         length: In [m], > 0; None: a thousandth of the rod's.

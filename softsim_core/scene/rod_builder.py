@@ -24,6 +24,9 @@ ROUND = 12
 CLAMP_SHARE = 1e-3
 """Length of a compliant clamp over that of its rod."""
 
+STIFFER = 10.0
+"""How much stiffer the rigid parts of a clamp are than the rod of their length."""
+
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
 
 
@@ -93,16 +96,18 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
 def _with_clamp(
     sections: RodSections, clamp: RodClampDescription, end: int, length: float, moduli: Array, holding: Array
 ) -> RodSections:
-    """With a further cell at an end, 0 or -1, for what gives way there."""
-    own = np.diag(clamp.stiffness * length)
-    rigid = np.isinf(clamp.stiffness)
-    beside = sections.line[end, end] * np.sqrt(np.multiply.outer(moduli, moduli))
-    own[rigid, rigid] = np.diagonal(beside)[rigid]
+    """With a further cell at an end, 0 or -1, for what gives way there; see fem.rods."""
+    gap, rigid = 0.5 * length, np.isinf(clamp.stiffness)
+    beside = STIFFER * np.diagonal(sections.line[end, end] * np.sqrt(np.multiply.outer(moduli, moduli)))
+    own = np.tile(np.diag(beside), (2, 1, 1))
+    given = np.diag(np.where(rigid, beside, clamp.stiffness * gap))
+    own[0, :3, :3], own[1, 3:, 3:] = given[:3, :3], given[3:, 3:]
+    own[1, :3, :3] += beside[3:5].max() / gap**2 * np.eye(3)  # t carries moments as forces over the gap
     across = sections.across[end, end] * holding
     cell = RodSections(
         lengths=np.array([length]),
         area=np.tile(sections.area[end, end], (1, 2)),
-        line=np.tile(own, (1, 2, 1, 1)),
+        line=own[None],
         across=np.tile(across, (1, 3, 1, 1)),
         curvature=np.zeros((1, 3)),
         straight=np.array([True]),

@@ -314,12 +314,39 @@ def test_a_compliant_clamp_adds_its_turn() -> None:
         backend="scipy",
     )
     bending = force * LENGTH**3 / (3.0 * BEND) + force * LENGTH / (5.0 / 6.0 * SHEAR * AREA)
-    turning = force * LENGTH * (LENGTH + 0.5 * reach) / stiff
+    turning = force * LENGTH * LENGTH / stiff
     assert tip(simulation, (0.0, 0.0, force))[2] == pytest.approx(bending + turning, rel=2e-3)
     # against bending along the second axis it is as stiff as the rod
     wide = tip(simulation, (0.0, force, 0.0))[1]
     wide_bending = bending_of(WIDE, force)
     assert wide == pytest.approx(wide_bending, rel=5e-3)
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+@pytest.mark.parametrize("angle", [0.05, 0.2, 0.4])
+def test_a_clamp_turns_far_without_getting_shorter(angle: float, end: str) -> None:
+    """A rod that is nearly rigid on a soft clamp, at either end: half the stiffness times sin(2 a)."""
+    stiff, reach = 0.002, 1e-3 * LENGTH
+    clamp = RodClampDescription(rotation=(stiff, math.inf, math.inf))
+    described = rod(**{f"{end}_clamp": clamp})
+    held = (-reach, 0.0, 0.0) if end == "start" else (LENGTH + reach, 0.0, 0.0)
+    simulation = Simulation(
+        SceneDescription(
+            name="rod",
+            gravity=(0.0, 0.0, 0.0),
+            bodies=(body(described, young_modulus=1e10),),
+            attachments=(held_at(held),),
+        ),
+        backend="scipy",
+    )
+    free = slice(-3, None) if end == "start" else slice(0, 3)
+    force = 0.5 * stiff * math.sin(2.0 * angle) / (LENGTH * math.cos(angle))
+    simulation.forces[free] = (0.0, 0.0, force / 3.0)
+    place = simulation.equilibrium().state.positions[free].mean(axis=0)
+    hinge = np.array([0.0 if end == "start" else LENGTH, 0.0, 0.0])
+    arm = place - hinge
+    assert math.atan2(arm[2], abs(arm[0])) == pytest.approx(angle, rel=3e-3)
+    assert np.linalg.norm(arm) == pytest.approx(LENGTH, rel=1e-4)
 
 
 def bending_of(thickness: float, force: float) -> float:
