@@ -51,7 +51,9 @@ GROUPS: dict[str, str] = {
     ),
     "Models beside measurements": (
         "known_data_sets load_data_set DataSet load_session Session session_robot validate_session "
-        "load_calibration calibrate Calibration CalibrationDescription ParameterDescription "
+        "load_calibration calibrate Calibration Ending CalibrationDescription ParameterDescription "
+        "cross_validated Folds profiled next_poses NextPoses distribution_of load_distribution "
+        "DistributionDescription "
         "SessionResult Measures Alignment DataSetDescription DataFolder SessionDescription CommandColumns "
         "SensorDescription OtherModel TimeColumn FrameDescription AlignmentDescription SplitDescription "
         "ErrorLimits"

@@ -44,12 +44,11 @@ if TYPE_CHECKING:
     )
     from softsim_core.identification.alignment import Alignment
     from softsim_core.identification.calibration import (
-        Calibration,
         CalibrationDescription,
         ParameterDescription,
-        calibrate,
         load_calibration,
     )
+    from softsim_core.identification.confidence import Folds, cross_validated, profiled
     from softsim_core.identification.description import (
         AlignmentDescription,
         CommandColumns,
@@ -63,8 +62,15 @@ if TYPE_CHECKING:
         SplitDescription,
         TimeColumn,
     )
+    from softsim_core.identification.distribution import (
+        DistributionDescription,
+        distribution_of,
+        load_distribution,
+    )
     from softsim_core.identification.files import DataSet, known_data_sets, load_data_set
+    from softsim_core.identification.fit import Calibration, Ending, calibrate
     from softsim_core.identification.measures import Measures
+    from softsim_core.identification.next_poses import NextPoses, next_poses
     from softsim_core.identification.session import Session, load_session
     from softsim_core.identification.validation import SessionResult, session_robot, validate_session
     from softsim_core.inverse.closed_loop import TiltController, TiltGains
@@ -160,11 +166,14 @@ __all__ = [
     "DataSet",
     "DataSetDescription",
     "DetectionOverflowError",
+    "DistributionDescription",
     "EffectorPath",
+    "Ending",
     "ErrorLimits",
     "FactorisationError",
     "FibresDescription",
     "FieldError",
+    "Folds",
     "FrameDescription",
     "GeometricStiffness",
     "HeightTiltTask",
@@ -182,6 +191,7 @@ __all__ = [
     "Measures",
     "MeshError",
     "MeshFile",
+    "NextPoses",
     "NotConvergedError",
     "OrientationTask",
     "OtherModel",
@@ -235,14 +245,19 @@ __all__ = [
     "box_mesh",
     "calibrate",
     "check_tets",
+    "cross_validated",
+    "distribution_of",
     "find_config",
     "known_data_sets",
     "known_scenes",
     "line_stiffness",
     "load_calibration",
     "load_data_set",
+    "load_distribution",
     "load_scene",
     "load_session",
+    "next_poses",
+    "profiled",
     "quaternion_of",
     "read_path",
     "read_surface",
@@ -288,9 +303,11 @@ _NAMES = {
     "softsim_core.identification.files": "DataSet known_data_sets load_data_set",
     "softsim_core.identification.measures": "Measures",
     "softsim_core.identification.session": "Session load_session",
-    "softsim_core.identification.calibration": (
-        "Calibration CalibrationDescription ParameterDescription calibrate load_calibration"
-    ),
+    "softsim_core.identification.calibration": "CalibrationDescription ParameterDescription load_calibration",
+    "softsim_core.identification.confidence": "Folds cross_validated profiled",
+    "softsim_core.identification.distribution": "DistributionDescription distribution_of load_distribution",
+    "softsim_core.identification.fit": "Calibration Ending calibrate",
+    "softsim_core.identification.next_poses": "NextPoses next_poses",
     "softsim_core.identification.validation": "SessionResult session_robot validate_session",
     "softsim_core.inverse.closed_loop": "TiltController TiltGains",
     "softsim_core.inverse.controller": "InverseController InverseReport",

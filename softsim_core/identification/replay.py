@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
@@ -93,8 +93,7 @@ def replay(
     commands = session.commands(robot)
     if session.times is not None:
         return _in_time(robot, session, commands, progress)
-    sensors, known = session.description.sensors, {} if near is None else near
-    return _in_equilibrium(robot, sensors, commands, order, progress, known)
+    return equilibria(robot, session.description.sensors, commands, order, progress, near)
 
 
 def in_short_steps(points: Array, start: Array) -> IndexArray:
@@ -108,15 +107,28 @@ def in_short_steps(points: Array, start: Array) -> IndexArray:
     return order
 
 
-def _in_equilibrium(
+def equilibria(
     robot: RobotDescription,
-    sensors: tuple[SensorDescription, ...],
+    sensors: Sequence[SensorDescription],
     commands: Array,
-    order: Order,
-    progress: Progress | None,
-    near: Near,
+    order: Order = "nearest",
+    progress: Progress | None = None,
+    near: Near | None = None,
 ) -> Prediction:
-    """The equilibrium of each different command, each from the one before."""
+    """The equilibrium of each different command (k, j), each from the one before; the rest as in `replay`.
+
+    Args:
+        robot: The model.
+        sensors: What is looked at.
+        commands: Of the joints, in [rad], [m] or the joint's own unit, shape (k, j).
+        order: In which they are solved.
+        progress: Told commands.
+        near: See `replay`.
+
+    Raises:
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+    """
+    near = {} if near is None else near
     simulation = Simulation(robot.robot_alone())
     places, start = Places(simulation, sensors), np.array(robot.start_joints)
     walk = _Walk(simulation, start, robot.start_shift)

@@ -13,16 +13,15 @@ import yaml
 
 from softsim_core import ConfigError, DataError, SceneError, load_scene
 from softsim_core.arrays import Array
-from softsim_core.identification import calibration
+from softsim_core.identification import misfit
 from softsim_core.identification.calibration import (
-    Calibration,
     CalibrationDescription,
     ParameterDescription,
-    calibrate,
     data_of,
     load_calibration,
 )
 from softsim_core.identification.expressions import filled
+from softsim_core.identification.fit import QUANTILE, Calibration, calibrate
 from softsim_core.simulation.simulation import Simulation
 from softsim_ros.cli import main
 
@@ -127,7 +126,7 @@ def test_intervals_hold_the_truth_as_often_as_told(tmp_path: Path) -> None:
         folder = tmp_path / str(seed)
         folder.mkdir()
         result = fitted(bench(folder, seed=seed))
-        inside.append(np.abs(result.values - list(TRUE.values())) < calibration.QUANTILE * result.errors)
+        inside.append(np.abs(result.values - list(TRUE.values())) < QUANTILE * result.errors)
     assert 0.87 <= np.mean(inside) <= 1.0  # 60 intervals of 95 %: three standard deviations
 
 
@@ -187,7 +186,7 @@ def test_the_command_writes_a_robot_that_validates(
 
 
 def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replayed, calls = calibration.replay, []
+    replayed, calls = misfit.replay, []
 
     def interrupted(*arguments: Any, **named: Any) -> Any:
         calls.append(1)
@@ -195,7 +194,7 @@ def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyP
             raise KeyboardInterrupt
         return replayed(*arguments, **named)
 
-    monkeypatch.setattr(calibration, "replay", interrupted)
+    monkeypatch.setattr(misfit, "replay", interrupted)
     result = fitted(bench(tmp_path))
     assert result.stopped
     assert result.after["first"] < result.before["first"]
