@@ -9,55 +9,33 @@ an iteration solves
 and adds dq, all or part of it (see WAYS). Actuators add H^T t to f, their geometric stiffness to the tangent,
 and s - q + c t to what is solved; see actuator_statics. A load that is too far
 is approached in parts: joint targets and base shift move evenly, and the residual of the first state is taken
-away evenly. What comes out is checked: the last step is tiny, the equilibrium stable, and no element was
-turned inside out.
+away evenly. Where the first state could not stay whatever held it (bodies may be drawn far from rest), it is
+let go before joints and base move. What comes out is checked: the last step is tiny, the equilibrium stable,
+and no element was turned inside out.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
-from softsim_core.actuation.actuator import GeometricStiffness
 from softsim_core.actuation.actuators import Actuators
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
-from softsim_core.dynamics.assembly import (
-    Unknowns,
-    jacobian,
-    node_stiffness,
-    static_forces,
-    static_tangent,
-)
-from softsim_core.errors import FactorisationError, NotConvergedError
-from softsim_core.fem.assembly import inverted_cells
-from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
+from softsim_core.dynamics.static_problem import StaticProblem
+from softsim_core.errors import NotConvergedError
+from softsim_core.linalg.linear_solver import LinearSolver
 from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control, Parameters
-from softsim_core.mechanics.model import Model, RigidRegion
-from softsim_core.mechanics.pose import nearest_rotation, rotation_exp
+from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 
 SMALLEST_PART = 1.0 / 1024.0
 """A load step below this fraction of the load is given up."""
 
-SHORTEST_STEP = 1.0 / 256.0
-"""A line search below this fraction of a Newton step is given up."""
-
-WAYS = {"whole": 12, "damped": 25, "distant": 12}
-"""Ways to an equilibrium, quickest first, and their most iterations: whole Newton steps; damped ones; steps
-with the distant tangent, which survive a crumpled start, then whole ones when near."""
-
-NEAR = 0.1
-"""The distant tangent is left when a step is shorter than this part of an element's size."""
-
-SINGULAR = "the tangent is singular (is every body attached?)"
-NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
+SMALLER = 1.0 / 4.0
+"""A load step that does not lead to an equilibrium is tried again with this part of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,310 +79,35 @@ def solve_static(
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
     """
+    chosen, acting = solver or linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far off, numbers overflow: such steps are refused
-        chosen = solver or linear_solver()
-        problem = _Problem(model, control, parameters, state, actuators or Actuators(), chosen)
-        current, reached, part, steps = problem.start, 0.0, 1.0, 0
-        while reached < 1.0:
-            goal = min(1.0, reached + part)
-            try:
-                current = problem.newton(current, goal, tolerance)
-            except NotConvergedError as failure:
-                part /= 4.0
-                if part < SMALLEST_PART:
-                    raise failure
-                continue
-            reached, steps, part = goal, steps + 1, 2.0 * part
+        problem = StaticProblem(model, control, parameters, state, acting, chosen)
+        try:
+            current, steps = problem.newton(problem.start, 1.0, tolerance), 1
+        except NotConvergedError:
+            part = SMALLER
+            if not problem.starts_stable:
+                standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
+                first = StaticProblem(model, standing, parameters, state, acting, chosen)
+                settled, spent, part = first.let_go(tolerance), problem.iterations + first.iterations, 1.0
+                problem = StaticProblem(model, control, parameters, settled, acting, chosen)
+                problem.iterations = spent
+            current, steps = _in_parts(problem, tolerance, part)
         residual = problem.finish(current)
     return StaticSolution(current, problem.iterations, steps, residual)
 
 
-class _Problem:
-    """Residual and tangent of one static problem, and the Newton iteration on them."""
-
-    def __init__(
-        self,
-        model: Model,
-        control: Control,
-        parameters: Parameters,
-        state: State,
-        actuators: Actuators,
-        solver: LinearSolver,
-    ) -> None:
-        self.model, self.control, self.parameters, self.actuators = model, control, parameters, actuators
-        self.held = len(actuators)
-        self.at = Unknowns(model)
-        self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
-        self.iterations = 0
-        self.start = _copy(model, state)
-        self.start.velocities[:] = 0.0
-        self.start.reduced_velocities[:] = 0.0
-        # while the problem is solved, the position of an actuator's joint is its command
-        self.start.joint_positions[actuators.joint] = actuators.commands_of(
-            actuators.values(model, self.start), self._multipliers(self.start)
-        )
-        self.first_targets = self.start.joint_positions.copy()
-        self.first_targets[actuators.multiplied] = self.start.joint_efforts[actuators.multiplied]
-        self.first_shift = float(self.start.base_shift[0])
-        given = (state.buffer, control.targets, control.forces, control.base_shift)
-        if not all(np.isfinite(each).all() for each in given):
-            raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
-        self.lever, self.beside = self._levers(), _beside(model)
-        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
-        self.near = NEAR * float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
-        self.first_residual = np.zeros(self.at.size + self.held)
+def _in_parts(problem: StaticProblem, tolerance: float, part: float) -> tuple[State, int]:
+    """The equilibrium under the whole load, of which a part is tried first, and how many parts it took."""
+    current, reached, steps = problem.start, 0.0, 0
+    while reached < 1.0:
+        goal = min(1.0, reached + part)
         try:
-            self.first_residual = self._residual(self.start, 0.0)[0]
-        except np.linalg.LinAlgError as error:  # of the rotations of elements
-            raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan")) from error
-        self.first_residual[self.at.size :] = 0.0
-        if not np.isfinite(self.first_residual).all():
-            raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
-
-    def _levers(self) -> Array:
-        """What turns each unknown into a displacement: how far it moves its region's nodes in [m], else 1."""
-        lever = np.append(np.ones(self.at.size), np.zeros(self.held))
-        motion_subspace = self.model.motion_subspace(self.start)
-        for region in self.model.regions:
-            for k in region.reduced.tolist():
-                moved = motion_subspace.jacobian(k, self.start.positions[region.nodes])
-                lever[self.at.first_reduced + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
-        return lever
-
-    def newton(self, before: State, goal: float, tolerance: float) -> State:
-        """The equilibrium at the load fraction `goal`, from an earlier one: each way in turn."""
-        failure: NotConvergedError | None = None
-        for way in WAYS:
-            try:
-                return self._iterated(before, goal, tolerance, way)
-            except NotConvergedError as refused:
-                failure = refused
-            except np.linalg.LinAlgError as error:  # of the rotations of elements
-                failure = NotConvergedError(NO_FORCES, goal, self.iterations, float("nan"))
-                failure.__cause__ = error
-        assert failure is not None
-        raise failure
-
-    def _iterated(self, before: State, goal: float, tolerance: float, way: str) -> State:
-        state, distant = self._predicted(before, goal), way == "distant"
-        sizes: list[float] = []
-        moved: Array | None = None
-        for _ in range(WAYS[way]):
-            residual, forces = self._residual(state, goal)
-            stiffness = node_stiffness(self.model, state, self.parameters, distant=distant, moved=moved)
-            factors = self._factors(state, forces, goal, stiffness)
-            step = self._solve(factors, residual, state)
-            sizes.append(self._size(step))
-            if not sizes[-1] < np.inf:
-                raise self._failure(SINGULAR, goal, residual)
-            if sizes[-1] <= tolerance and not distant:
-                self._accept(state, before, factors, goal, residual)
-                self._move(state, step)
-                return state
-            started = state.positions.copy()
-            if way == "damped":
-                if not self._search(state, step, factors, goal):
-                    raise self._failure("the line search stalled", goal, residual)
-                moved = state.positions - started
-                continue
-            if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
-                raise self._failure("whole steps do not get shorter", goal, residual)
-            self._move(state, step)
-            distant = distant and sizes[-1] > self.near
-            moved = None if distant else state.positions - started
-        raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
-
-    def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
-        """Refuse an equilibrium in which nothing would stay, or that was reached through matter."""
-        if not factors.positive:
-            raise self._failure("only an unstable one", goal, residual)
-        if (self._inverted(state) & ~self._inverted(before)).any():
-            raise self._failure("only one with elements turned inside out", goal, residual)
-
-    def _inverted(self, state: State) -> Any:
-        """Which elements are inside out, shape (m,)."""
-        flags = [inverted_cells(group, state.positions) for group in self.model.filling]
-        return np.concatenate([np.zeros(0, dtype=bool), *flags])
-
-    def finish(self, state: State) -> float:
-        """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
-        residual, _ = self._residual(state, 1.0)
-        multipliers = self._multipliers(state)
-        state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
-        state.joint_efforts[self.actuators.joint] = multipliers
-        self.actuators.measure(self.model, state)
-        self.actuators.settle(state, self.control.targets)
-        spring = self.at.drive * (self.control.targets - state.joint_positions)
-        state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
-        return self._unbalanced(residual)
-
-    def _predicted(self, before: State, goal: float) -> State:
-        """Prescribed joints and bases at `goal`; all else follows them to first order.
-
-        Nodes that share a short cell with what joints move turn with it as a whole, and add what they do
-        beside that: the cell would be torn if its one end turned and the other were moved straight.
-        """
-        at, model = self.at, self.model
-        state = _copy(model, before)
-        state.joint_positions[at.prescribed] = self._targets(goal)[at.prescribed]
-        state.base_shift[0] = self.first_shift + goal * (self.control.base_shift - self.first_shift)
-        model.place_regions(state)
-        driven = self._driven(before, state).ravel()
-        if driven.any():
-            residual, forces = self._residual(before, goal)
-            stiffness = node_stiffness(model, before, self.parameters)
-            factors = self._factors(before, forces, goal, stiffness)
-            stiffness = stiffness + on_nodes(model, self._geometric(before))
-            residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
-            self._move(state, self._solve(factors, residual, before))
-        return state
-
-    def _driven(self, before: State, state: State) -> Array:
-        """What joints and bases move to first order in [m], (n, 3); places nodes of `beside` in `state`."""
-        model, first = self.model, 6 * len(self.model.frame_names)
-        shifted = _copy(model, before)
-        shifted.base_shift[0] = state.base_shift[0]
-        change = state.joint_positions - before.joint_positions
-        subspace, driven = model.motion_subspace(before), np.zeros_like(before.positions)
-        for region, nodes in self.beside:
-            held, both = before.positions[region.nodes], np.concatenate([region.nodes, nodes])
-            driven[region.nodes] = shifted.positions[region.nodes] - held
-            driven[nodes] = _moved_along(before.positions[nodes], held, shifted.positions[region.nodes])
-            driven[nodes] -= before.positions[nodes]
-            for k in region.reduced[region.reduced >= first].tolist():
-                driven[both] += change[k - first] * subspace.jacobian(k, before.positions[both])
-            state.positions[nodes] = _moved_along(
-                before.positions[nodes], held, state.positions[region.nodes]
-            )
-        return driven
-
-    def _targets(self, fraction: float) -> Array:
-        return np.asarray(self.first_targets + fraction * (self.control.targets - self.first_targets))
-
-    def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
-        """Generalised forces and s - q + c t (d + c,) at a part of the load, node forces (n, 3) in [N]."""
-        model, at = self.model, self.at
-        forces = static_forces(model, state, self.parameters, self.control.forces)
-        residual = np.zeros(at.size + self.held)
-        if self.held:
-            actuators, multipliers = self.actuators, self._multipliers(state)
-            rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
-            forces = forces + (rows.on_nodes.T @ multipliers).reshape(-1, 3)
-            residual[at.first_reduced : at.size] = rows.on_reduced.T @ multipliers
-            kept = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
-            residual[at.size :] = actuators.values(model, state) - kept.command
-            residual[at.size :] += kept.compliance * multipliers
-        residual[: at.size] += jacobian(model, at, state).T @ forces.ravel()
-        residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
-        return residual - (1.0 - fraction) * self.first_residual, forces
-
-    def _geometric(self, state: State) -> GeometricStiffness:
-        """Geometric stiffness of the actuators."""
-        return self.actuators.geometric_stiffness(self.model, state, self._multipliers(state))
-
-    def _multipliers(self, state: State) -> Array:
-        """Multipliers of the actuators, shape (c,)."""
-        return np.asarray(state.joint_efforts[self.actuators.joint])
-
-    def _factors(self, state: State, forces: Array, fraction: float, stiffness: sp.csr_matrix) -> Any:
-        """Factorised tangent of the residual on the unknowns that are solved for; see `node_stiffness`."""
-        at = self.at
-        matrix = static_tangent(self.model, at, state, forces, stiffness)
-        if self.held:
-            geometric = self._geometric(state)
-            across = rows_on_unknowns(self.model, at, state, geometric.rows).on_unknowns
-            matrix = matrix + across.T @ sp.diags(geometric.weight) @ across
-        self.iterations += 1
-        try:
-            factors = self.matrices.factor(matrix[at.solved][:, at.solved])
-            if not self.held:
-                return factors
-            rows = rows_on_unknowns(self.model, at, state, self.actuators.rows(self.model, state))
-            commands = self._targets(fraction)[self.actuators.joint]
-            kept = self.actuators.transmissions(commands, self._multipliers(state))
-            return ActuatedFactors(
-                factors,
-                rows.on_unknowns[:, at.solved],
-                kept.compliance,
-                (kept.lower, kept.upper),
-            )
-        except FactorisationError:
-            residual, _ = self._residual(state, fraction)
-            raise self._failure(SINGULAR, fraction, residual) from None
-
-    def _solve(self, factors: Any, residual: Array, state: State) -> Array:
-        at, step = self.at, np.zeros(len(residual))
-        if not self.held:
-            step[at.solved] = factors.solve(residual[at.solved])
-        else:
-            step[at.solved], step[at.size :] = factors.solve(
-                residual[at.solved], residual[at.size :], self._multipliers(state)
-            )
-        return step
-
-    def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
-        """Take the part of a Newton step after which the next one, with the same tangent, is shorter.
-
-        This measure is in metres for every unknown, so a stiff drive does not drown the silicone.
-        Source: Deuflhard 2004, natural monotonicity.
-        """
-        before, size, part = _copy(self.model, state), self._size(step), 1.0
-        while part >= SHORTEST_STEP:
-            self._move(state, part * step)
-            remaining = self._size(self._solve(factors, self._residual(state, fraction)[0], state))
-            if remaining <= (1.0 - 0.25 * part) * size:
-                return True
-            state.copy_from(before)
-            part /= 2.0
-        return False
-
-    def _move(self, state: State, step: Array) -> None:
-        """Add a step of all unknowns; rotations turn by the exponential."""
-        at, model = self.at, self.model
-        state.positions[at.free] += step[: at.first_reduced].reshape(-1, 3)
-        for f in range(len(model.frame_names)):
-            shift, turn = step[at.first_reduced + 6 * f :][:6].reshape(2, 3)
-            state.frame_positions[f] += shift
-            state.frame_rotations[f] = rotation_exp(turn) @ state.frame_rotations[f]
-        state.joint_positions += step[at.joints]
-        state.joint_efforts[self.actuators.joint] += step[at.size :]
-        model.place_regions(state)
-
-    def _size(self, step: Array) -> float:
-        """Largest displacement of a step in [m]; NaN counts as endless."""
-        return float(np.nan_to_num(np.abs(step * self.lever), nan=np.inf).max(initial=0.0))
-
-    def _unbalanced(self, residual: Array) -> float:
-        solved = self.at.solved
-        return float(np.abs(residual[solved] / self.lever[solved]).max(initial=0.0))
-
-    def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
-        return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))
-
-
-def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
-    """Of each region, the nodes that share a short cell with it and belong to none."""
-    free, found = np.zeros(len(model.rest), dtype=np.bool_), []
-    free[model.free_nodes] = True
-    for k, region in enumerate(model.regions):
-        touched = np.zeros_like(free)
-        for group in model.filling:
-            cells = group.cells[group.short]
-            touched[cells[(model.region_of_node[cells] == k).any(axis=1)]] = True
-        found.append((region, np.flatnonzero(touched & free)))
-        free &= ~touched
-    return found
-
-
-def _moved_along(points: Array, before: Array, after: Array) -> Array:
-    """Points (k, 3) moved as what takes nodes (n, 3) from `before` to `after` without straining them."""
-    if not len(points):
-        return points
-    first, last = before.mean(axis=0), after.mean(axis=0)
-    return np.asarray(last + (points - first) @ nearest_rotation(before - first, after - last).T)
-
-
-def _copy(model: Model, state: State) -> State:
-    copy = model.empty_state()
-    copy.copy_from(state)
-    return copy
+            current = problem.newton(current, goal, tolerance)
+        except NotConvergedError as failure:
+            part *= SMALLER
+            if part < SMALLEST_PART:
+                raise failure
+            continue
+        reached, steps, part = goal, steps + 1, 2.0 * part
+    return current, steps

@@ -223,6 +223,19 @@ def test_natural_curvature_makes_a_circle() -> None:
     assert np.abs(places[:, 1]).max() < 1e-9
 
 
+def test_statics_straighten_what_is_drawn_as_a_quarter_of_a_circle() -> None:
+    angles = np.linspace(0.0, 0.5 * math.pi, 6)
+    arc = 0.6 * LENGTH * np.column_stack([np.sin(angles), 0.0 * angles, np.cos(angles) - 1.0])
+    drawn = rod(
+        centreline=tuple(tuple(each) for each in arc.tolist()),
+        start_direction=(1.0, 0.0, 0.0),
+        end_direction=(0.0, 0.0, -1.0),
+        natural="straight",
+        length=LENGTH,
+    )
+    assert tip(cantilever(drawn), (0.0, 0.0, 0.0)) == pytest.approx(STRAIGHT[1], abs=1e-9)
+
+
 @pytest.mark.parametrize(("curve", "twist"), [(25.0, 18.0), (10.0, -30.0)])
 def test_natural_curvature_and_twist_make_a_helix(curve: float, twist: float) -> None:
     places = unloaded((curve, 0.0, twist))
