@@ -22,6 +22,8 @@ class Body:
         surface: Visual surface at rest.
         embedding: How the visual surface follows the body's nodes.
         sections: How stiff the sections of a rod are; None: it is none.
+        unloaded: Where the nodes of its tetrahedra are without load in [m], shape (n, 3); None: as in `mesh`.
+        ends: Nodes of the ends of a slender body, with its own numbers; None: it has none.
     """
 
     name: str
@@ -31,6 +33,8 @@ class Body:
     surface: SurfaceMesh
     embedding: Embedding
     sections: RodSections | None = None
+    unloaded: Array | None = None
+    ends: tuple[IndexArray, IndexArray] | None = None
 
     @property
     def cells(self) -> IndexArray:

@@ -47,13 +47,14 @@ from softsim_core.scene.body import Body
 from softsim_core.scene.description import (
     AddedMassDescription,
     AttachmentDescription,
+    BodyDescription,
     JointDescription,
     SceneDescription,
 )
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
-from softsim_core.scene.rod_builder import draw_rod
+from softsim_core.scene.rod_builder import draw_rod, draw_tetrahedra
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
 """Element of bodies that name none, by the nodes of a cell of their mesh."""
@@ -86,7 +87,7 @@ def build(scene: SceneDescription) -> BuiltScene:
         np.array([attachment.frame.translation for attachment in frames], dtype=float).reshape(-1, 3),
         np.array([_rotation(attachment.frame.rotation_deg) for attachment in frames]).reshape(-1, 3, 3),
     )
-    filling = _groups(scene, bodies, rest)
+    filling = _groups(scene, bodies)
     reinforcing, mass_of_layers = reinforcements(scene, bodies, filling, rest)
     groups = (*filling, *reinforcing)
     model = Model(
@@ -133,35 +134,46 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
 def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
     bodies, start = [], 0
     for description in scene.bodies:
-        if description.rod is not None:
-            drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
-            surface, embedding = rod_surface(drawn.mesh)
-            nodes = slice(start, start + len(drawn.mesh.points))
-            outside = node_triangles(drawn.mesh) + start
-            bodies.append(
-                Body(description.name, nodes, drawn.mesh, outside, surface, embedding, drawn.sections)
-            )
-            start = nodes.stop
-            continue
-        mesh = description.mesh
-        assert mesh is not None  # checked by the description
-        if not isinstance(mesh, TetMesh):
-            mesh = read_tets(mesh.file, mesh.placement)
-        if description.order is not None:
-            mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
-        for sentence in check_tets(mesh).warnings:
-            warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
-        triangles = boundary(mesh)
-        if description.surface is None:
-            used, numbered = np.unique(triangles, return_inverse=True)
-            surface = SurfaceMesh(mesh.points[used], numbered.reshape(-1, 3).astype(np.int64), mesh.name)
-        else:
-            surface = read_surface(description.surface.file, description.surface.placement)
-        nodes = slice(start, start + len(mesh.points))
-        embedding = embed(surface.points, mesh)
-        bodies.append(Body(description.name, nodes, mesh, triangles + start, surface, embedding))
-        start = nodes.stop
+        body = _rod(description, start) if description.is_rod else _tetrahedra(description, start)
+        bodies.append(body)
+        start = body.nodes.stop
     return tuple(bodies)
+
+
+def _rod(description: BodyDescription, start: int) -> Body:
+    """A body of cross-sections, whose nodes begin at `start`."""
+    assert description.rod is not None  # checked by the description
+    drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
+    surface, embedding = rod_surface(drawn.mesh)
+    nodes = slice(start, start + len(drawn.mesh.points))
+    outside = node_triangles(drawn.mesh) + start
+    ends = drawn.mesh.end_nodes(True), drawn.mesh.end_nodes(False)
+    return Body(description.name, nodes, drawn.mesh, outside, surface, embedding, drawn.sections, None, ends)
+
+
+def _tetrahedra(description: BodyDescription, start: int) -> Body:
+    """A body of tetrahedra, whose nodes begin at `start`."""
+    mesh, unloaded, ends = description.mesh, None, None
+    if description.rod is not None:
+        order = 1 if len(element(description.element or "").reference) == 4 else 2
+        swept, unloaded = draw_tetrahedra(description.rod, f"rod {description.name}", order)
+        mesh, ends = swept.mesh, swept.ends
+    assert mesh is not None  # checked by the description
+    if not isinstance(mesh, TetMesh):
+        mesh = read_tets(mesh.file, mesh.placement)
+    if description.order is not None:
+        mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
+    for sentence in check_tets(mesh).warnings:
+        warnings.warn(f"body {description.name}: {sentence}", stacklevel=5)
+    triangles = boundary(mesh)
+    if description.surface is None:
+        used, numbered = np.unique(triangles, return_inverse=True)
+        surface = SurfaceMesh(mesh.points[used], numbered.reshape(-1, 3).astype(np.int64), mesh.name)
+    else:
+        surface = read_surface(description.surface.file, description.surface.placement)
+    nodes = slice(start, start + len(mesh.points))
+    embedding = embed(surface.points, mesh)
+    return Body(description.name, nodes, mesh, triangles + start, surface, embedding, None, unloaded, ends)
 
 
 def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]) -> Array:
@@ -217,12 +229,14 @@ def _coupling(
     return mass_coupling(chosen, [density[group.body] for group in chosen], bodies[-1].nodes.stop)
 
 
-def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> tuple[ElementGroup, ...]:
+def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementGroup, ...]:
     """The cells of all bodies, one group for each pair of element and law that occurs."""
+    unloaded = [body.mesh.points if body.unloaded is None else body.unloaded for body in bodies]
+    points = np.concatenate([np.zeros((0, 3)), *unloaded])
     ends = np.cumsum([len(body.cells) for body in bodies])
     members: dict[tuple[str, str], list[int]] = {}
     for b, description in enumerate(scene.bodies):
-        if description.rod is not None:
+        if description.is_rod:
             continue
         nodes = bodies[b].cells.shape[1]
         cell = element(description.element or ELEMENT_OF_NODES[nodes])
@@ -243,7 +257,9 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...], rest: Array) -> t
         body = np.repeat(inside, [len(each) for each in cells])
         law = scene.bodies[inside[0]].material.law_for(scene.solver.rotation)
         groups.append(
-            element_group(element(cell_name), law, rest, np.concatenate(cells), body, np.concatenate(numbers))
+            element_group(
+                element(cell_name), law, points, np.concatenate(cells), body, np.concatenate(numbers)
+            )
         )
     rods = []
     for b, each in enumerate(bodies):
@@ -316,10 +332,10 @@ def _assign_nodes(
 def _chosen_nodes(
     body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
 ) -> IndexArray:
-    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, or at an end of a rod."""
+    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, or at an end of it."""
     if chosen.end is not None:
-        assert isinstance(body.mesh, RodMesh)  # checked by the description
-        return np.asarray(body.nodes.start + body.mesh.end_nodes(chosen.end == "start"))
+        assert body.ends is not None  # checked by the description
+        return np.asarray(body.nodes.start + body.ends[chosen.end == "end"])
     region = chosen.box or chosen.sphere
     assert region is not None  # checked by the description
     return np.asarray(nodes_in(region, points) + body.nodes.start)

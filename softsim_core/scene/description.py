@@ -15,6 +15,7 @@ from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.dynamics import Backend
 from softsim_core.errors import SceneError, listing
+from softsim_core.fem.elements import element
 from softsim_core.fem.materials import Material
 from softsim_core.fem.materials.section import SECTION
 from softsim_core.linalg.solvers import AUTO, linear_solver_names
@@ -68,8 +69,8 @@ class BodyDescription:
     Attributes:
         name: Unique name.
         mesh: Tetrahedra: a file, or arrays in [m]; or give `rod`.
-        rod: A slender body; or give `mesh`. It has the law `rod`, and no layers, fibres, surface of its own,
-            order or element.
+        rod: A slender body; or give `mesh`. It has no layers, fibres, surface of its own or order, and the
+            law `rod`, or with an `element` of tetrahedra another one.
         material: Law and parameters.
         density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. Where neither is given, that of the
             material's preset, if it is known.
@@ -87,7 +88,8 @@ class BodyDescription:
         order: 2 puts a node on each edge of a linear mesh, 1 leaves those of a quadratic one out; None: as
             the mesh is.
         element: Name of the element that its cells are, see fem.elements, with as many nodes as they have;
-            None: tet4 or tet10.
+            None: tet4 or tet10, or of a rod sections along it. With tet4 or tet10 the rod is a strip of
+            tetrahedra of the same shape.
     """
 
     name: str
@@ -139,16 +141,42 @@ class BodyDescription:
                     f"{owner}: the law {SECTION.name} is for rods; choose another one, or give a rod"
                 )
             return
+        if self.element is None:
+            self._check_sections(owner)
+        else:
+            self._check_tetrahedra_of_rod(owner, self.rod, self.element)
+        for name in ("layers", "fibres", "surface", "order"):
+            if getattr(self, name):
+                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
+
+    def _check_sections(self, owner: str) -> None:
         if self.material.law is None and not self.material.terms:
             object.__setattr__(self, "material", self.material.of_law(SECTION.name))
         if self.material.law != SECTION.name or self.material.terms:
             law = f"{self.material.law} with Prony terms" if self.material.terms else self.material.law
             raise SceneError(
-                f"{owner}: a rod has the law {SECTION.name}, not {law}; remove `law` and `prony`"
+                f"{owner}: a rod has the law {SECTION.name}, not {law}; remove `law` and `prony`, or make it "
+                "of tetrahedra by `element: tet10`"
             )
-        for name in ("layers", "fibres", "surface", "order", "element"):
-            if getattr(self, name):
-                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
+
+    def _check_tetrahedra_of_rod(self, owner: str, rod: RodDescription, cell: str) -> None:
+        if len(element(cell).reference) not in (4, 10):
+            raise SceneError(f"{owner}: a rod is not made of the element {cell}; take tet4 or tet10, or none")
+        if self.material.law == SECTION.name:
+            raise SceneError(
+                f"{owner}: the law {SECTION.name} is for sections, and `element` makes tetrahedra of it; "
+                "choose another law, or remove `element`"
+            )
+        if beyond := rod.beyond_tetrahedra:
+            raise SceneError(
+                f"{owner}: a rod of tetrahedra is a solid rectangle, straight or as drawn, without clamps "
+                f"that give way; remove {listing(beyond)} or `element`"
+            )
+
+    @property
+    def is_rod(self) -> bool:
+        """Whether it is made of cross-sections, not of tetrahedra."""
+        return self.rod is not None and self.element is None
 
     @property
     def reinforcements(self) -> tuple[LayerDescription | FibresDescription, ...]:

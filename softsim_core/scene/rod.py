@@ -125,6 +125,8 @@ class RodDescription:
             along the curve without turning about it.
         start_direction, end_direction: Along the rod at its ends, of length 1; None: as the points say.
         elements: Number of cells, of three sections each.
+        across: Of a rod whose body names an element of tetrahedra: boxes of six of them along the first and
+            the second axis; `elements` is their number along the rod.
         natural: Shape without load: "as_drawn" or "straight".
         curvature: In [1/m] beyond that of the natural shape: along the first and the second axis, and twist
             in [rad/m].
@@ -139,6 +141,7 @@ class RodDescription:
     start_direction: Vector | None = None
     end_direction: Vector | None = None
     elements: int = 8
+    across: tuple[int, int] = (1, 1)
     natural: NaturalShape = "as_drawn"
     curvature: Vector = (0.0, 0.0, 0.0)
     length: float | None = None
@@ -157,6 +160,8 @@ class RodDescription:
                 need_unit("rod", end, direction)
         if self.elements < 1:
             raise FieldError("rod", "elements", self.elements, ">= 1")
+        if min(self.across) < 1:
+            raise FieldError("rod", "across", list(self.across), "two numbers >= 1")
         if self.natural not in get_args(NaturalShape):
             raise FieldError(
                 "rod", "natural", repr(self.natural), f"one of {', '.join(get_args(NaturalShape))}"
@@ -168,6 +173,21 @@ class RodDescription:
                     "rod: a rod that is without load as it is drawn is as long as its centreline; "
                     "remove length, or set natural to straight"
                 )
+
+    @property
+    def beyond_tetrahedra(self) -> list[str]:
+        """What is given here that tetrahedra cannot have, by the names of fields; none: they can be it."""
+        section = self.section
+        given = {
+            "section.shape": section.shape != "rectangle",
+            "section.wall": section.wall is not None,
+            "section.layers": bool(section.layers),
+            "section.stiffness": section.stiffness is not None,
+            "curvature": any(self.curvature),
+            "start_clamp": self.start_clamp is not None,
+            "end_clamp": self.end_clamp is not None,
+        }
+        return [name for name, beyond in given.items() if beyond]
 
     def end_place(self, start: bool) -> tuple[float, float, float]:
         """Where its start or its end begins in the world in [m], without a clamp."""

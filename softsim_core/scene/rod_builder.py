@@ -13,6 +13,7 @@ from softsim_core.fem.materials.section import SECTION
 from softsim_core.fem.rods import CIRCLE, RodSections
 from softsim_core.mesh.placement import place, rotation_matrix
 from softsim_core.mesh.rods import RodMesh, along_curve, carried_axes, rod_mesh
+from softsim_core.mesh.swept import SweptMesh, swept_mesh
 from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
 
 SHEAR_SHARE = {"rectangle": 5.0 / 6.0, "ellipse": 0.9}
@@ -50,16 +51,7 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
         MeshError: its centreline or first axis cannot be used.
     """
     moduli, holding = (each[0] for each in SECTION.scales(np.array([list(values.values())])))
-    count = 2 * rod.elements + 1
-    turn = rotation_matrix(rod.placement.rotation_deg)
-    ends = [
-        None if each is None else turn @ np.array(each, dtype=float)
-        for each in (rod.start_direction, rod.end_direction)
-    ]
-    points = place(np.array(rod.centreline, dtype=float), rod.placement)
-    centres, tangents, drawn = along_curve(points, count, name, (ends[0], ends[1]))
-    axes = carried_axes(tangents, turn @ np.array(rod.first_axis, dtype=float), name)
-    length = rod.length or drawn
+    centres, axes, length = _laid(rod, name)
     at_points = (np.arange(rod.elements)[:, None] + _GAUSS) / rod.elements
     at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
     area, line = _stiffness(rod.section, at_points, moduli)
@@ -74,7 +66,7 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
         own=np.zeros(rod.elements, dtype=np.bool_),
         reach=0.5 * _sizes(rod.section, at_points.mean(axis=1)),
     )
-    along = np.linspace(0.0, 1.0, count)
+    along = np.linspace(0.0, 1.0, len(centres))
     for clamp, end in ((rod.start_clamp, 0), (rod.end_clamp, -1)):
         if clamp is None:
             continue
@@ -91,6 +83,39 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
     spread = _gyration(rod.section, along)[:, None] * CIRCLE
     outlines = 0.5 * _sizes(rod.section, along)[:, None] * _OUTLINES[rod.section.shape]
     return DrawnRod(rod_mesh(centres, axes, spread, outlines, name), sections)
+
+
+def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMesh, Array]:
+    """Compile a rod that is tetrahedra of order 1 or 2: its mesh, and where its nodes are without load.
+
+    Args:
+        rod: The rod.
+        name: Of its body, for messages.
+        order: Of the tetrahedra.
+
+    Returns:
+        The mesh, and places in [m], shape (n, 3).
+
+    Raises:
+        MeshError: its centreline or first axis cannot be used.
+    """
+    centres, axes, length = _laid(rod, name)
+    sizes = _sizes(rod.section, np.linspace(0.0, 1.0, len(centres)))
+    swept = swept_mesh(centres, axes, sizes, length, rod.across, order, name)
+    return swept, swept.straight if rod.natural == "straight" else swept.mesh.points
+
+
+def _laid(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
+    """Centres and axes of the sections of a rod as it is drawn, and its length without load in [m]."""
+    turn = rotation_matrix(rod.placement.rotation_deg)
+    ends = [
+        None if each is None else turn @ np.array(each, dtype=float)
+        for each in (rod.start_direction, rod.end_direction)
+    ]
+    points = place(np.array(rod.centreline, dtype=float), rod.placement)
+    centres, tangents, drawn = along_curve(points, 2 * rod.elements + 1, name, (ends[0], ends[1]))
+    axes = carried_axes(tangents, turn @ np.array(rod.first_axis, dtype=float), name)
+    return centres, axes, rod.length or drawn
 
 
 def _with_clamp(
