@@ -22,12 +22,13 @@ import numpy as np
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.actuation.registry import described_kinds
 from softsim_core.errors import ConfigError, SceneError, listing
+from softsim_core.fem.materials import material, material_names
 from softsim_core.fem.materials.elastomers import DEFAULT_FIT, elastomer
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.board import BusServo, ServoCalibration
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
-from softsim_core.scene.material import MaterialDescription, law_parameters
+from softsim_core.scene.material import DEFAULT_LAW, MaterialDescription, law_parameters
 from softsim_core.scene.robot import RobotDescription, need_namespace
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 from softsim_core.values import FieldError, MeshFile, Vector
@@ -250,7 +251,12 @@ def _material(value: Any, _: Any) -> MaterialDescription:
         raise _RefusedError(f"must be {error.allowed}, not {_shown(law)}", ("law",)) from None
     except SceneError as error:
         raise _RefusedError(str(error), ("law",)) from None
-    _refuse_unknown(value, ["law", "preset", "prony", *(each.name for each in parameters)])
+    known = ["law", "preset", "prony", *(each.name for each in parameters)]
+    for key in value:
+        if key not in known and (laws := [each for each in material_names() if key in material(each).names]):
+            problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
+            raise _RefusedError(problem, (str(key),))
+    _refuse_unknown(value, known)
     values = {}
     for parameter in parameters:
         name = parameter.name

@@ -174,6 +174,12 @@ def test_every_mistake_is_one_sentence_with_its_key(
             ["did you mean poisson"],
         ),
         (
+            "poisson_ratio: 0.3",
+            "bend_1_factor: 2.0",
+            "bodies[0].material.bend_1_factor",
+            ["no parameter of the law corotational, but of rod; set `law`"],
+        ),
+        (
             "{file: block.vtk}",
             "{file: blok.vtk}",
             "bodies[0].mesh.file",
