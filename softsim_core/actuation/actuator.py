@@ -31,6 +31,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.pose import cross_matrices
 from softsim_core.mechanics.rows import Rows, no_rows
 from softsim_core.mechanics.state import State
 
@@ -160,12 +161,20 @@ class Actuator(ABC):
         return no_geometric_stiffness()
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
-        """The geometric stiffness face by face and by pairs of nodes in [N/m], shape (m, a, a, 3, 3)."""
+        """The geometric stiffness face by face, in [N/m]: v of the blocks [v]x of all pairs of nodes.
+
+        Shape (m, 3, a, a); an even pressure has such blocks, and v_ab = -v_ba.
+        """
         raise NotImplementedError(f"an actuator of kind {self.kind} with a surface has to say its stiffness")
 
     def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
         """What one can see of it."""
         return ActuatorView(self.name, self.kind, np.zeros((0, 3)), self.value(model, state), multiplier)
+
+
+def pressed_blocks(vectors: Array) -> Array:
+    """The blocks [v]x, shape (m, a, a, 3, 3), of vectors (m, 3, a, a); see Actuator.surface_stiffness."""
+    return cross_matrices(np.moveaxis(vectors, 1, -1))
 
 
 def no_geometric_stiffness() -> GeometricStiffness:

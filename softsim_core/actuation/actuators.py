@@ -75,7 +75,7 @@ class ActuatorGroup(Protocol):
         ...
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """Their geometric stiffness at multipliers t (c,) in [N/m], shapes (m, a, a, 3, 3)."""
+        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
         ...
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
@@ -106,9 +106,10 @@ class PlainGroup:
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
         """See ActuatorGroup."""
-        given = zip(self._actuators, commands.tolist(), multipliers.tolist(), strict=True)
-        table = np.array([each.transmission(q, t) for each, q, t in given], dtype=float).reshape(-1, 5)
-        return Transmissions(*np.ascontiguousarray(table.T))
+        table = np.empty((5, len(self._actuators)))
+        for c, each in enumerate(self._actuators):
+            table[:, c] = each.transmission(float(commands[c]), float(multipliers[c]))
+        return Transmissions(*table)
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
         """See ActuatorGroup."""
@@ -270,7 +271,7 @@ class Actuators:
         return [each for group in self.groups for each in group.surfaces()]
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """Their geometric stiffness at multipliers t (c,) in [N/m], shapes (m, a, a, 3, 3)."""
+        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
         return [
             each
             for group, rows, _ in self.spans()
@@ -301,8 +302,8 @@ class Actuators:
 
 
 def _joined_stiffness(parts: Sequence[GeometricStiffness]) -> GeometricStiffness:
-    if not parts:
-        return no_geometric_stiffness()
+    if len(parts) < 2:
+        return parts[0] if parts else no_geometric_stiffness()
     return GeometricStiffness(
         joined([part.rows for part in parts]), np.concatenate([part.weight for part in parts])
     )

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 import scipy.sparse as sp
 
+from softsim_core.actuation.actuator import pressed_blocks
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
 from softsim_core.dynamics.actuator_statics import rows_on_unknowns
@@ -154,9 +155,14 @@ class ScipyStepper:
         """See Stepper."""
         stiffness = node_stiffness(self.model, state, parameters, moved=state.extra.get(MOVED))
         if pressed:
-            stiffness = stiffness + matrix_of_blocks(len(self.model.rest), self.actuators.surfaces(), pressed)
+            stiffness = stiffness + self._of_surfaces(pressed)
         loads = static_forces(self.model, state, parameters, forces)
         return ScipyStaticTangent(self.model, self._unknowns, state, loads, stiffness, self._tangents)
+
+    def _of_surfaces(self, pressed: Sequence[Array]) -> sp.csr_matrix:
+        """What actuators add on surfaces, see ActuatorGroup.surface_stiffness, shape (3 n, 3 n)."""
+        blocks = [pressed_blocks(each) for each in pressed]
+        return matrix_of_blocks(len(self.model.rest), self.actuators.surfaces(), blocks)
 
     def system(
         self,
@@ -183,7 +189,7 @@ class ScipyStepper:
         lag = h + parameters.rayleigh_stiffness
         stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved, mean_share=h / lag)
         if pressed:
-            stiffness = stiffness + matrix_of_blocks(len(model.rest), self.actuators.surfaces(), pressed)
+            stiffness = stiffness + self._of_surfaces(pressed)
         force = static_forces(model, state, parameters, control.forces)
         held = held_matrix(model, state)
         if held is not None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import DataError
-from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mechanics.pose import cross_matrices, rotation_exp
 
 ON_A_LINE = 1e-3
 """Points whose second extent is a smaller part of their first leave the frame free to turn about a line."""
@@ -158,7 +158,7 @@ def _refined(
     for _ in range(50):
         errors = now.errors(positions, rotations, measured)
         if frame:
-            slopes[..., -6:-3] = _cross((measured - centre) @ now.rotation.T) / size
+            slopes[..., -6:-3] = cross_matrices((measured - centre) @ now.rotation.T) / size
             slopes[..., -3:] = -np.eye(3)
         matrix = slopes.reshape(-1, numbers)
         u, sizes, vt = np.linalg.svd(matrix, full_matrices=False)
@@ -183,15 +183,6 @@ def _refined(
     variance = (errors**2).sum() / (errors.size - numbers)
     spread = np.sqrt(variance * ((vt.T / sizes) ** 2).sum(axis=1))[: 3 * sensors]
     return Alignment(now.rotation, now.shift, now.points, spread.reshape(-1, 3))
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices [v] with [v] w = v x w, of vectors (..., 3), shape (..., 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2
-    )
 
 
 def _mm(errors: Array) -> float:

@@ -24,6 +24,14 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def cross_matrices(vectors: Array) -> Array:
+    """The same of vectors (..., 3), shape (..., 3, 3)."""
+    result = np.zeros((*vectors.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., i, j], result[..., j, i] = -vectors[..., k], vectors[..., k]
+    return result
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross products of vectors (..., 3); np.cross takes several times as long for a few of them."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape))

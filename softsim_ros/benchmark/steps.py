@@ -89,8 +89,8 @@ def step_matrix(simulation: Simulation) -> sp.csc_matrix:
 class Factorisation:
     """One SuperLU factorisation of a moving scene's matrix: minimum degree on A + A^T, symmetric mode."""
 
-    def __init__(self, scene: MovingScene) -> None:
-        self._simulation = scene.simulation
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
         self.prepare()
 
     def prepare(self) -> None:
@@ -133,7 +133,7 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
             )
             sizes[case.scene] = (len(scene.simulation.positions), len(scene.simulation.tets))
             if path == paths[0] and isinstance(scene, MovingScene):
-                splu = Factorisation(scene)
+                splu = Factorisation(scene.simulation)
                 contenders.append(
                     Contender(f"{case.scene} splu", splu.run, FACTORISATIONS_A_TURN, splu.prepare)
                 )

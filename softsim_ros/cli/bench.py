@@ -62,6 +62,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k)",
     )
     parser.add_argument(
+        "--rubber",
+        action="store_true",
+        help="measure only quadratic cells beside splu, and what chambers cost (two minutes)",
+    )
+    parser.add_argument(
         "--viewer",
         action="store_true",
         help="measure only the web viewer: its load, and the step time with it",
@@ -83,6 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _viewer(arguments)
     if arguments.scaling:
         return _scaling(arguments)
+    if arguments.rubber:
+        return _rubber(arguments)
     from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
@@ -247,6 +254,28 @@ def _scaling(arguments: argparse.Namespace) -> int:
     )
     print("\n".join(scaling_table(scales)))
     return 0
+
+
+def _rubber(arguments: argparse.Namespace) -> int:
+    """Measure quadratic cells and chambers and print them; 1 where a target is missed and `--check` asks."""
+    from softsim_ros.benchmark.records import write_json
+    from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
+    from softsim_ros.benchmark.steps import known_paths
+
+    if "numba" not in known_paths():
+        return _refuse("--rubber needs the package numba: pip install numba")
+    print("\n".join(describe_machine()))
+    times = measure_rubber(_rounds(arguments))
+    print("\nwhole Simulation.step() in turns with one factorisation of its matrix, or with the same scene")
+    print("without its chambers; what is judged is the shortest time, or what that is longer by")
+    print("\n".join(rubber_table(times)))
+    try:
+        if arguments.json:
+            write_json(times, arguments.json)
+    except OSError as error:
+        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+        return 1
+    return 1 if arguments.check and any(each.missed for each in times) else 0
 
 
 def _viewer(arguments: argparse.Namespace) -> int:

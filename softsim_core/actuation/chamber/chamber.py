@@ -33,8 +33,9 @@ from softsim_core.actuation.actuator import (
     GeometricStiffness,
     Transmission,
     no_geometric_stiffness,
+    pressed_blocks,
 )
-from softsim_core.actuation.building import Placed, Surroundings, plain_kind
+from softsim_core.actuation.building import Placed, Surroundings
 from softsim_core.actuation.chamber.description import ChamberDescription
 from softsim_core.actuation.chamber.hollow import hollow_of
 from softsim_core.actuation.chamber.pump_line import LEAST, PumpLine
@@ -86,16 +87,17 @@ class Chamber(Actuator):
         self.faces: IndexArray = numbered.reshape(faces.shape)
         self.surface = self.place[self.faces]
         count = faces.shape[1]
-        self._twist, self._pairs = _TWISTS[count], np.triu_indices(count, 1)
-        one, two = self._pairs  # dV/dx from x_b x x_c of each pair b < c
-        self._shares = 0.5 * (self._twist[:, two, one] - self._twist[:, one, two])
+        twist, self.pairs = _TWISTS[count], np.triu_indices(count, 1)
+        one, two = self.pairs  # dV/dx from x_b x x_c of each pair b < c
+        self.shares = 0.5 * (twist[:, two, one] - twist[:, one, two])
+        self._turning = twist.transpose(2, 0, 1).reshape(count, -1)
         corner = np.arange(self.faces.size)
         self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
-        self._middle = rest.mean(axis=0)
+        self.middle = rest.mean(axis=0)
         self._known = _Measured(np.full(rest.shape, np.nan), 0.0, rest)
-        self._at_rest = self._volume((rest - self._middle)[self.faces])
-        self.rest_volume = self._at_rest + self._volume(lids - self._middle)
+        self.at_rest = self._volume((rest - self.middle)[self.faces])
+        self.rest_volume = self.at_rest + self._volume(lids - self.middle)
         self.line = _line(described, self.rest_volume)
         lowest = (LEAST - 1.0) * self.line.atmosphere if self.line.softness else -self.line.atmosphere
         self._limits = max(described.min_pressure, lowest), described.max_pressure
@@ -106,7 +108,7 @@ class Chamber(Actuator):
 
     def value(self, model: Model, state: State) -> float:
         """By how much the volume has grown, in [m^3]."""
-        return self._measured(state).volume - self._at_rest
+        return self._measured(state).volume - self.at_rest
 
     def row(self, model: Model, state: State) -> Array:
         """DV/dx in [m^2], shape (k, 3)."""
@@ -181,7 +183,8 @@ class Chamber(Actuator):
         if multiplier == 0.0:
             return no_geometric_stiffness()
         size = 3 * self.faces.shape[1]
-        parts = self.surface_stiffness(state, multiplier).swapaxes(2, 3).reshape(-1, size, size)
+        blocks = pressed_blocks(self.surface_stiffness(state, multiplier))
+        parts = blocks.swapaxes(2, 3).reshape(-1, size, size)
         weights, vectors = np.linalg.eigh(parts)
         chosen = np.abs(weights) > _WEAK * np.abs(weights).max()
         face, which = np.nonzero(chosen)
@@ -193,9 +196,12 @@ class Chamber(Actuator):
         )
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
-        """See Actuator: -p d2V/dx2 of each face."""
-        v = np.tensordot(-multiplier * self._corners(state), self._twist, axes=(1, 2))
-        return _crossed(v.transpose(0, 2, 3, 1))
+        """See Actuator: v of -p d2V/dx2 of each face."""
+        assert self.surface is not None
+        corners = (state.positions[self.surface] - self.middle).swapaxes(1, 2)
+        count = corners.shape[2]
+        v = np.reshape(corners, (-1, count)) @ (-multiplier * self._turning)
+        return np.asarray(v.reshape(-1, 3, count, count))
 
     def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
         """See Actuator: the hollow as plain triangles, four for a quadratic face."""
@@ -208,22 +214,18 @@ class Chamber(Actuator):
         """What it has at a state; a step asks several times for the same one."""
         places = state.positions[self.place]
         if not np.array_equal(places, self._known.places):
-            corners = (places - self._middle)[self.faces]
+            corners = (places - self.middle)[self.faces]
             slopes = self._slopes(corners)
             row = np.asarray(self._spread @ slopes.reshape(-1, 3))
             row.flags.writeable = False
             self._known = _Measured(places, float((corners * slopes).sum() / 3.0), row)
         return self._known
 
-    def _corners(self, state: State) -> Array:
-        """Places of the nodes of all faces from the middle, shape (m, a, 3)."""
-        return np.asarray((state.positions[self.place] - self._middle)[self.faces])
-
     def _slopes(self, corners: Array) -> Array:
         """DV/dx of the nodes of each face, shape (m, a, 3)."""
-        one, two = (corners[:, each] for each in self._pairs)
+        one, two = (corners[:, each] for each in self.pairs)
         turned = one[..., _NEXT] * two[..., _LAST] - one[..., _LAST] * two[..., _NEXT]
-        return np.asarray(self._shares @ turned)
+        return np.asarray(self.shares @ turned)
 
     def _volume(self, corners: Array) -> float:
         return float((corners * self._slopes(corners)).sum() / 3.0)
@@ -245,14 +247,6 @@ def _line(described: ChamberDescription, volume: float) -> PumpLine:
 def _between(value: float, most: float) -> float:
     """The value, no farther from 0 than `most`."""
     return min(max(value, -most), most)
-
-
-def _crossed(vectors: Array) -> Array:
-    """Matrices [v]x with [v]x u = v x u, shape (..., 3, 3)."""
-    result = np.zeros((*vectors.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., i, j], result[..., j, i] = -vectors[..., k], vectors[..., k]
-    return result
 
 
 def _linear() -> tuple[Array, Array, Array, Array]:
@@ -293,4 +287,3 @@ def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
 
 _TWISTS = {3: _twist(*_linear()), 6: _twist(*_quadratic())}
 """T of faces by how many nodes they have."""
-CHAMBER = plain_kind(ChamberDescription, Chamber)

@@ -13,7 +13,9 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.actuation.cable.cables import Cables
+from softsim_core.actuation.chamber.chambers import Chambers
 from softsim_core.actuation.compiled.cables import CableArrays, fill_cables, measure_cables
+from softsim_core.actuation.compiled.chambers import ChamberArrays, fill_chambers, measure_chambers
 from softsim_core.actuation.compiled.compile import kernel
 from softsim_core.arrays import Array
 
@@ -22,19 +24,29 @@ class CompiledKinds(NamedTuple):
     """Arrays of each kind that has compiled kernels."""
 
     cables: CableArrays
+    chambers: ChamberArrays
 
 
 def compiled_kinds(actuators: Actuators) -> tuple[CompiledKinds, int]:
     """What the kernels need of a model's actuators, and how many of them they evaluate: the first ones."""
-    first = actuators.groups[0] if actuators.groups else None
-    if isinstance(first, Cables):
-        return CompiledKinds(first.compiled()), len(first.names)
+    cables, chambers, count = _no_cables(), Chambers([]).compiled(0, 0), 0
+    for group, rows, entries in actuators.spans():
+        if isinstance(group, Cables) and not count:
+            cables = group.compiled()
+        elif isinstance(group, Chambers):
+            chambers = group.compiled(rows.start, entries.start)
+        else:
+            break
+        count = rows.stop
+    return CompiledKinds(cables, chambers), count
+
+
+def _no_cables() -> CableArrays:
     index, none = np.zeros(0, np.int64), np.zeros(0)
     nodes, points = np.zeros((0, 4), np.int64), np.zeros((0, 3))
-    cables = CableArrays(
+    return CableArrays(
         np.zeros(1, np.int64), nodes, np.zeros((0, 4)), index, points, *(index,) * 4, none, points, points
     )
-    return CompiledKinds(cables), 0
 
 
 @kernel
@@ -49,6 +61,7 @@ def measure(positions: Array, origins: Array, rotations: Array, kinds: CompiledK
         value: Filled, one number per actuator.
     """
     measure_cables(positions, origins, rotations, kinds.cables, value)
+    measure_chambers(positions, kinds.chambers, value)
 
 
 @kernel
@@ -63,3 +76,4 @@ def fill(angular: Array, linear: Array, origin: Array, kinds: CompiledKinds, coe
         coefficient: Filled.
     """
     fill_cables(angular, linear, origin, kinds.cables, coefficient)
+    fill_chambers(kinds.chambers, coefficient)

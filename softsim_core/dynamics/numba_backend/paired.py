@@ -183,8 +183,8 @@ class PairedCells:
         forces = np.zeros_like(velocities)
         first = len(self._groups)
         for k, (surface, of_faces) in enumerate(zip(self._pressed, stiffness, strict=True)):
-            blocks = np.ascontiguousarray(of_faces)
-            self._press_faces[k](blocks, surface, velocities, float(lag), float(scale), forces)
+            vectors = np.ascontiguousarray(of_faces)
+            self._press_faces[k](vectors, surface, velocities, float(lag), float(scale), forces)
             self._add_all_blocks(surface.blocks, self._places[first + k], self._panels, self.pairs.blocks)
         return forces
 

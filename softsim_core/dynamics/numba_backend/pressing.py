@@ -15,8 +15,8 @@ class PressedFaces(NamedTuple):
         faces: Their nodes, shape (m, a).
         order: How they are eliminated, shape (m,).
         inside: And then the nodes of each, shape (m, a).
-        blocks: Room for the blocks of all pairs of nodes in that order, shape (m, a (a + 1) / 2, 3, 4); the
-            fourth number of a row stays zero.
+        blocks: Room for the blocks of all pairs of nodes in that order, shape (m, a (a + 1) / 2, 3, 4); their
+            diagonals and the fourth number of a row stay zero.
     """
 
     faces: IndexArray
@@ -32,7 +32,7 @@ def press_faces(
     """Fill the blocks of a surface, and add -lag K v to the forces (n, 3) in [N].
 
     Args:
-        stiffness: See ActuatorGroup.surface_stiffness, shape (m, a, a, 3, 3).
+        stiffness: v of the blocks, see Actuator.surface_stiffness, shape (m, 3, a, a).
         surface: The faces.
         velocities: v in [m/s], shape (n, 3).
         lag: In [s].
@@ -47,13 +47,15 @@ def press_faces(
             for second in range(first, nodes):
                 a, b = inside[e, first], inside[e, second]
                 for i in range(3):
-                    for j in range(3):
-                        blocks[e, pair, i, j] = scale * stiffness[face, a, b, i, j]
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    part = scale * stiffness[face, i, a, b]
+                    blocks[e, pair, j, k], blocks[e, pair, k, j] = -part, part
                 pair += 1
         for a in range(nodes):
             for b in range(nodes):
+                n = faces[face, b]
                 for i in range(3):
-                    total = 0.0
-                    for j in range(3):
-                        total += stiffness[face, a, b, i, j] * velocities[faces[face, b], j]
-                    forces[faces[face, a], i] -= lag * total
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    turned = stiffness[face, j, a, b] * velocities[n, k]
+                    turned -= stiffness[face, k, a, b] * velocities[n, j]
+                    forces[faces[face, a], i] -= lag * turned

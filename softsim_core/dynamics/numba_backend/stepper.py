@@ -54,7 +54,7 @@ class NumbaStepper:
         direct = isinstance(self._elimination, DirectElimination)
         self._factoring: NumbaStepper | None = self if direct else None
         self._prepared = self._elimination.prepared
-        self._plain = actuators.spans()[1 if self._prepared.rows.compiled[0] else 0 :]
+        self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
         self._corners = oriented(model)
         self._soft = bool(model.spring.any())
         self._turning = FreeTurning(model)
@@ -150,6 +150,8 @@ class NumbaStepper:
         rows, weight = self.actuators.geometric_stiffness(
             self.model, state, multipliers, without_surfaces=True
         )
+        if not len(weight):
+            return _NO_STIFFNESS
         return ActuatorStiffness(*rows.checked(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:

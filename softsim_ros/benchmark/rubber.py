@@ -1,0 +1,150 @@
+"""Steps of rubber and air: quadratic cells beside one factorisation of their matrix, chambers beside none."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softsim_core import Simulation
+from softsim_core.scene import load_scene
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.steps import COMMAND_SPREAD, Factorisation
+from softsim_ros.benchmark.timing import Contender, take_turns
+
+QUADRATIC = {"cantilever_quadratic": 0.9, "tripod_quadratic": 2.0, "cable_finger_quadratic": 1.0}
+"""Scenes with quadratic cells, and the longest step in [ms] on a machine of its own."""
+CHAMBERS = ("pneu_finger", "pneu_arm", "inflated_cube")
+CHAMBER_LIMIT = 0.15
+"""A chamber costs at most this share of the step without it."""
+STEPS_A_TURN, LEAD_IN_STEPS = 10, 20
+
+
+@dataclass(frozen=True)
+class RubberTime:
+    """Times of one scene in [ms], shortest and median.
+
+    Attributes:
+        scene: Its name.
+        nodes: Nodes of its bodies.
+        step: Of a step.
+        beside: Of what it is compared with.
+        against: "splu", one factorisation of the step's matrix; "none", a step without chambers.
+        limit: What is asked: of "splu" the shortest time, of "none" the cost as a share.
+    """
+
+    scene: str
+    nodes: int
+    step: tuple[float, float]
+    beside: tuple[float, float]
+    against: str
+    limit: float
+
+    @property
+    def measured(self) -> float:
+        """What `limit` is for."""
+        return self.step[0] if self.against == "splu" else self.step[0] / self.beside[0] - 1.0
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is more than asked."""
+        return not self.measured <= self.limit
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        return {
+            "scene": self.scene,
+            "nodes": self.nodes,
+            "min_ms": self.step[0],
+            "median_ms": self.step[1],
+            f"{self.against}_min_ms": self.beside[0],
+            f"{self.against}_median_ms": self.beside[1],
+            "measured": self.measured,
+            "limit": self.limit,
+        }
+
+
+class _Moving:
+    """A scene whose joints go here and there: around the start pose, or in a part of their range."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        with warnings.catch_warnings():  # slivers of a mesh are no news here
+            warnings.simplefilter("ignore", UserWarning)
+            self.simulation = Simulation(description, backend="numba")
+        start, upper = description.start, [joint.limits.upper for joint in description.joints]
+        self._middle, self._spread = 0.2 * np.array(upper), 0.1 * np.array(upper)
+        if start is not None:
+            self.simulation.start_animation()
+            self._middle, self._spread = np.array(description.poses[start.pose]), np.array(COMMAND_SPREAD)
+        self._random = np.random.default_rng(1)
+        for _ in range(LEAD_IN_STEPS):
+            self.simulation.step()
+
+    def stir(self) -> None:
+        """Another command; a body without joints falls anew."""
+        if len(self._middle):
+            aside = self._random.uniform(-1.0, 1.0, len(self._middle))
+            self.simulation.command(self._middle + self._spread * aside)
+        else:
+            self.simulation.reset()
+
+
+def measure_rubber(rounds: int) -> list[RubberTime]:
+    """Measure all of them, each in turns with what it is compared with."""
+    times = [_beside_factor(name, limit, rounds) for name, limit in QUADRATIC.items()]
+    return times + [_beside_none(name, rounds) for name in CHAMBERS]
+
+
+def _beside_factor(name: str, limit: float, rounds: int) -> RubberTime:
+    moving = _Moving(load_scene(name))
+    factorisation = Factorisation(moving.simulation)
+    contenders = [
+        Contender("step", moving.simulation.step, STEPS_A_TURN, moving.stir),
+        Contender("splu", factorisation.run, 1, factorisation.prepare),
+    ]
+    return _told(name, moving, contenders, rounds, limit)
+
+
+def _beside_none(name: str, rounds: int) -> RubberTime:
+    robot = load_scene(name)
+    bare = RobotDescription(scene=replace(robot.scene, joints=()))
+    moving, none = _Moving(robot), _Moving(bare)
+    contenders = [
+        Contender("step", moving.simulation.step, STEPS_A_TURN, moving.stir),
+        Contender("none", none.simulation.step, STEPS_A_TURN),
+    ]
+    return _told(name, moving, contenders, rounds, CHAMBER_LIMIT)
+
+
+def _told(
+    name: str, moving: _Moving, contenders: Sequence[Contender], rounds: int, limit: float
+) -> RubberTime:
+    times = take_turns(contenders, rounds)
+    step, beside = ((float(each.min()), float(np.median(each))) for each in times.values())
+    nodes = len(moving.simulation.positions)
+    return RubberTime(name, nodes, step, beside, contenders[1].name, limit)
+
+
+def rubber_table(times: Sequence[RubberTime]) -> list[str]:
+    """The times as lines of aligned columns, head first."""
+    head = ("scene", "nodes", "min ms", "median ms", "beside", "min ms", "measured", "target", "verdict")
+    rows = [head]
+    for each in times:
+        share = each.against == "none"
+        rows.append(
+            (
+                each.scene,
+                str(each.nodes),
+                f"{each.step[0]:.3f}",
+                f"{each.step[1]:.3f}",
+                "no chamber" if share else "splu",
+                f"{each.beside[0]:.3f}",
+                f"{100.0 * each.measured:+.1f} %" if share else f"1/{each.beside[0] / each.step[0]:.1f} splu",
+                f"<= {100.0 * each.limit:.0f} %" if share else f"<= {each.limit:g} ms",
+                "MISSED" if each.missed else "ok",
+            )
+        )
+    return aligned(rows)
