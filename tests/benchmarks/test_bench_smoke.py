@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from softsim_ros.benchmark.machine import limit_threads
 from softsim_ros.benchmark.records import Record, judge
 from softsim_ros.benchmark.reference_sizes import reference_size
 from softsim_ros.benchmark.report import table
+from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
 from softsim_ros.benchmark.timing import Contender, take_turns
 from softsim_ros.benchmark.touching import LIMITS, TouchingScene
 from softsim_ros.benchmark.touching import SCENES as TOUCHING
@@ -136,6 +138,22 @@ def test_wrong_usage_is_one_sentence(words: tuple[str, ...], sentence: str) -> N
     assert done.returncode == 2
     assert sentence in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.numba
+def test_rubber_is_measured_beside_splu_and_air_beside_none() -> None:
+    beam, cube = measure_rubber(1, ("cantilever_quadratic", "inflated_cube"))
+    assert (beam.nodes, beam.against, beam.measured) == (325, "splu", beam.step[0])
+    assert beam.step[0] < beam.beside[0]
+    assert cube.against == "none"
+    assert -0.5 < cube.measured < 3.0  # the target is 0.15; a busy machine
+    late = replace(cube, step=(1.2, 1.3), beside=(1.0, 1.1))
+    assert late.missed
+    assert late.measured == pytest.approx(0.2)
+    lines = rubber_table([beam, late])
+    assert "splu" in lines[1]
+    assert lines[2].split()[-6:] == ["+20.0", "%", "<=", "15", "%", "MISSED"]
 
 
 def test_missed_target_is_named() -> None:
