@@ -42,6 +42,20 @@ class FreeTurning:
             return result
         return np.asarray(result + share * self.straining(state.positions, control.carried))
 
+    def turned(self, places: Array, onto: Array) -> Array:
+        """Places (n, 3) in [m] with free bodies turned as a whole to how they lie at other places (n, 3)."""
+        if not self.bodies:
+            return places
+        result = places.copy()
+        for own in self.bodies:
+            mass = self._mass[own, None]
+            centre, middle = ((mass * each[own]).sum(axis=0) / mass.sum() for each in (places, onto))
+            arms = places[own] - centre
+            u, _, vt = np.linalg.svd((mass * arms).T @ (onto[own] - middle))
+            u[:, 2] *= np.linalg.det(u @ vt)  # no reflection
+            result[own] = centre + arms @ (u @ vt)
+        return result
+
     def straining(self, positions: Array, velocities: Array) -> Array:
         """Velocities (n, 3) in [m/s] without the turning of free bodies about their centres of mass."""
         if not self.bodies:

@@ -169,7 +169,7 @@ class IteratedStepper(StepperAround):
         K v is what the step takes off; of free bodies, f(x) turns with them.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
-        begun = self.before.positions + self.model.dt * (self.reached.velocities - straining)
+        begun = self._turning.turned(self.before.positions, at)
         for group in self.model.groups:
             if isinstance(group.material, StrainMaterial):
                 p = group.values(parameters.materials)
