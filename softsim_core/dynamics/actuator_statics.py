@@ -17,7 +17,7 @@ from softsim_core.actuation.actuator import GeometricStiffness
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns, jacobian
-from softsim_core.dynamics.stepper import Stepper
+from softsim_core.dynamics.stepper import Condensed, Stepper
 from softsim_core.linalg.bounded import solve_bounded
 from softsim_core.linalg.linear_solver import Factors
 from softsim_core.mechanics.control import Parameters, Transmissions
@@ -73,22 +73,36 @@ class ActuatedFactors:
 def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, forces: Array) -> Array:
     """Static stiffness of frames and joints, the free nodes following in equilibrium, shape (b, b).
 
+    See `condensed`, of which it is the first part.
+
+    Raises:
+        FactorisationError: the free nodes have no equilibrium that stays.
+    """
+    return condensed(stepper, state, parameters, forces, no_rows()).stiffness
+
+
+def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Array, rows: Rows) -> Condensed:
+    """The static tangent with free nodes and actuators eliminated, and what forces on `rows` do beside it.
+
     Drives and the turning of the loads (weight and `forces` (n, 3) in [N]) are included; actuators keep their
     coordinates, at a bound or not, and their joints stand for what is commanded. With S, Z and W of
-    StaticTangent.condensed it is S + Z (W + D)^-1 Z^T: D is c for s - q and 1 / w for a row of geometric
-    stiffness w. The row of an actuator tells of its multiplier times its gain, see command_gains. Of one that
-    is commanded by its multiplier, the row tells of -s instead: with o the rows above and p these, that is
-    Z_o (W_oo + D)^-1 W_op - Z_p.
+    StaticTangent.condensed, h the rows that hold (s - q, and those of geometric stiffness w) and D = diag(c,
+    1 / w), each of the three loses what h takes:
+
+        S + Z_h (W_hh + D)^-1 Z_h^T,    Z_r - Z_h (W_hh + D)^-1 W_hr,    W_rr - W_rh (W_hh + D)^-1 W_hr
+
+    The row of an actuator in S tells of its multiplier times its gain, see command_gains. Of one that is
+    commanded by its multiplier, the row tells of -s instead: it is one of r, and its joint stands for it.
 
     Raises:
         FactorisationError: the free nodes have no equilibrium that stays.
     """
     model, actuators = stepper.model, stepper.actuators
     if not len(actuators):
-        return stepper.static_tangent(state, parameters, forces).condensed(no_rows()).stiffness
+        return stepper.static_tangent(state, parameters, forces).condensed(rows)
     multipliers = state.joint_efforts[actuators.joint]
-    rows = actuators.rows(model, state)
-    spread, _ = sparse_rows(rows, len(model.rest), model.reduced_size)
+    pulling = actuators.rows(model, state)
+    spread, _ = sparse_rows(pulling, len(model.rest), model.reduced_size)
     loads = forces + (spread.T @ multipliers).reshape(-1, 3)
     pressed = actuators.surface_stiffness(state, multipliers)
     tangent = stepper.static_tangent(state, parameters, loads, pressed)
@@ -99,25 +113,28 @@ def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, fo
     kept = _kept_at(stepper, state)
     given = actuators.constraints.by_multiplier
     gain = np.where(given, 0.0, kept.gain)
-    every = joined([_less_command(model, actuators, rows, gain), geometric.rows])
-    stiffness, arriving, compliance = tangent.condensed(every)
-    compliance[range(every.height), range(every.height)] += np.append(kept.compliance, 1.0 / geometric.weight)
+    own = [_less_command(model, actuators, pulling, gain), geometric.rows]
+    before = sum(each.height for each in own)
+    stiffness, arriving, compliance = tangent.condensed(joined([*own, rows]))
+    diagonal = range(before)
+    compliance[diagonal, diagonal] += np.append(kept.compliance, 1.0 / geometric.weight)
     imposed = np.flatnonzero(given)
-    held = np.setdiff1d(np.arange(every.height), imposed)
+    held = np.setdiff1d(np.arange(before), imposed)
+    left = np.append(imposed, np.arange(before, len(compliance)))
     answer = np.linalg.solve(
-        compliance[np.ix_(held, held)],
-        np.hstack([arriving[:, held].T, compliance[np.ix_(held, imposed)]]),
+        compliance[np.ix_(held, held)], np.hstack([arriving[:, held].T, compliance[np.ix_(held, left)]])
     )
-    size = len(stiffness)
+    size, many = len(stiffness), len(imposed)
     stiffness = stiffness + arriving[:, held] @ answer[:, :size]
-    if len(imposed):
+    reaching = arriving[:, left] - arriving[:, held] @ answer[:, size:]
+    moved = compliance[np.ix_(left, left)] - compliance[np.ix_(left, held)] @ answer[:, size:]
+    if many:
         at = size - len(model.joints) + actuators.joint[imposed]
-        across = arriving[:, held] @ answer[:, size:] - arriving[:, imposed]
-        stiffness[:, at] += across
-        stiffness[at] += across.T
-        eased = compliance[np.ix_(imposed, held)] @ answer[:, size:]
-        stiffness[np.ix_(at, at)] += eased - compliance[np.ix_(imposed, imposed)]
-    return np.asarray(stiffness)
+        stiffness[:, at] -= reaching[:, :many]
+        stiffness[at] -= reaching[:, :many].T
+        stiffness[np.ix_(at, at)] -= moved[:many, :many]
+        reaching[at] += moved[:many]
+    return Condensed(np.asarray(stiffness), reaching[:, many:], moved[many:, many:])
 
 
 def command_gains(stepper: Stepper, state: State) -> Array:

@@ -23,7 +23,7 @@ from softsim_core.fem.assembly import inverted_cells
 from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model, RigidRegion
-from softsim_core.mechanics.pose import nearest_rotation, rotation_exp
+from softsim_core.mechanics.pose import nearest_rotation
 from softsim_core.mechanics.state import State
 
 SHORTEST_STEP = 1.0 / 256.0
@@ -330,15 +330,9 @@ class StaticProblem:
 
     def _move(self, state: State, step: Array) -> None:
         """Add a step of all unknowns; rotations turn by the exponential."""
-        at, model = self.at, self.model
-        state.positions[at.free] += step[: at.first_reduced].reshape(-1, 3)
-        for f in range(len(model.frame_names)):
-            shift, turn = step[at.first_reduced + 6 * f :][:6].reshape(2, 3)
-            state.frame_positions[f] += shift
-            state.frame_rotations[f] = rotation_exp(turn) @ state.frame_rotations[f]
-        state.joint_positions += step[at.joints]
-        state.joint_efforts[self.actuators.joint] += step[at.size :]
-        model.place_regions(state)
+        first = self.at.first_reduced
+        self.model.displace(state, step[:first].reshape(-1, 3), step[first : self.at.size])
+        state.joint_efforts[self.actuators.joint] += step[self.at.size :]
 
     def _size(self, step: Array) -> float:
         """Largest displacement of a step in [m]; NaN counts as endless."""

@@ -265,6 +265,20 @@ class Model:
             (angular if joint.revolute else linear)[k] = rotation @ joint.axis
         return MotionSubspace(angular, linear, origin)
 
+    def displace(self, state: State, nodes: Array, reduced: Array) -> None:
+        """Move everything at once: free nodes by `nodes` (k, 3) in [m], frames and joints by `reduced` (b,).
+
+        Rotations turn by the exponential; the nodes of regions follow. Velocities stay.
+        """
+        frames = len(self.frame_names)
+        state.positions[self.free_nodes] += nodes
+        for f in range(frames):
+            state.frame_positions[f] += reduced[6 * f : 6 * f + 3]
+            turn = rotation_exp(reduced[6 * f + 3 : 6 * f + 6])
+            state.frame_rotations[f] = turn @ state.frame_rotations[f]
+        state.joint_positions += reduced[6 * frames :]
+        self.place_regions(state)
+
     def advance_reduced(self, state: State, velocities: Array) -> None:
         """Move frames and joints for one step at the reduced velocities (exact exponential for rotations)."""
         state.reduced_velocities[:] = velocities

@@ -14,7 +14,7 @@ from softsim_core.arrays import Array, IndexArray, float_array
 from softsim_core.contact.collision_model import CollisionModel
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics import Backend
-from softsim_core.dynamics.actuator_statics import command_gains, reduced_stiffness
+from softsim_core.dynamics.actuator_statics import command_gains, condensed, reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.bossak import BossakStepper
 from softsim_core.dynamics.contact_step import ContactStepper
@@ -22,6 +22,7 @@ from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.iterations import IteratedStepper
 from softsim_core.dynamics.keeping_step import KeepingStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
+from softsim_core.dynamics.static_response import StaticResponse, response_of
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
 from softsim_core.dynamics.viscous_step import ViscousStepper, relaxing_groups
@@ -29,6 +30,7 @@ from softsim_core.fem.materials.material import von_mises
 from softsim_core.fem.recovery import stress_at_nodes
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
+from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
 from softsim_core.mesh.follower import SurfaceFollower
 from softsim_core.scene.builder import build
@@ -207,6 +209,30 @@ class SceneState:
         dynamics.actuator_statics.
         """
         return reduced_stiffness(self._stepper, self._state, self.parameters, self.forces)
+
+    def static_response(self, rows: Rows) -> StaticResponse:
+        """How the equilibrium near the present state moves with joint commands and with forces on rows.
+
+        Raises:
+            FactorisationError: the free nodes have no equilibrium that stays.
+            LinAlgError: frames or joints have none.
+        """
+        tangent = condensed(self._stepper, self._state, self.parameters, self.forces, rows)
+        return response_of(self.model, tangent)
+
+    def region_motion(self) -> list[tuple[IndexArray, Array]]:
+        """Nodes (a,) of each rigid region that moves, and their shift per unit of each frame's and joint's.
+
+        Shift by the degrees of freedom in the order of `reduced_stiffness`, shapes (a, 3, b).
+        """
+        model, subspace = self.model, self.model.motion_subspace(self._state)
+        result = []
+        for region in model.regions:
+            moved = np.zeros((len(region.nodes), 3, model.reduced_size))
+            for k in region.reduced.tolist():
+                moved[:, :, k] = subspace.jacobian(k, self._state.positions[region.nodes])
+            result.append((region.nodes, moved))
+        return result
 
     def stress(self) -> Array:
         """Cauchy stress at the nodes in [Pa], world axes, shape (n, 3, 3).

@@ -269,6 +269,24 @@ class Simulation(SceneState):
         self._state.rigid_positions[number], self._state.rigid_rotations[number] = place, turn
         self._forget_contacts()
 
+    def displace(self, nodes: ArrayLike, reduced: ArrayLike) -> None:
+        """Have everything be a little elsewhere from now on, such as where a measurement says it is.
+
+        Velocities, commands and forces stay what they are.
+
+        Args:
+            nodes: Shift of the free nodes in [m], in the order of Model.free_nodes, shape (k, 3).
+            reduced: Shift in [m] and rotation vector in [rad] of each free frame, then of each joint, (b,).
+
+        Raises:
+            CommandError: another shape, or not finite; nothing is changed.
+        """
+        model = self.model
+        shift = checked("displacement of the free nodes", nodes, (len(model.free_nodes), 3), "m")
+        turned = checked("displacement of frames and joints", reduced, (model.reduced_size,), "m or rad")
+        model.displace(self._state, shift, turned)
+        self._actuators.measure(model, self._state)
+
     # --- parameters ---
 
     def set_material(self, body: str, **values: float) -> None:

@@ -76,6 +76,7 @@ LAYERS = (
     ("robots",),
     ("simulation",),
     ("inverse", "warmup"),
+    ("observer",),
     ("identification",),
 )
 """Folders and files of softsim_core, lowest first; the last ones run whole simulations."""
