@@ -30,6 +30,11 @@ def closed_loop() -> int:
     return run_module("softsim_ros.inverse.closed_loop_node")
 
 
+def observer() -> int:
+    """Run the node `observer`; returns the exit code."""
+    return run_module("softsim_ros.observer.observer_node")
+
+
 def recorder() -> int:
     """Run the node `recorder`; returns the exit code."""
     return run_module("softsim_ros.recording.recorder_node")

@@ -35,6 +35,11 @@ NODES = {
         "softsim_ros",
         "tilts the goal until the measured tilts are the wanted ones (measure:=imu)",
     ),
+    "observer": NodeEntry(
+        "softsim_ros.observer.observer_node",
+        "softsim_ros",
+        "says from sensors what shape a robot has and what touches it (robot:=tripod)",
+    ),
     "recorder": NodeEntry(
         "softsim_ros.recording.recorder_node", "softsim_ros", "records a robot's topics (robot:=tripod)"
     ),

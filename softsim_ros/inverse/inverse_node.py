@@ -34,6 +34,7 @@ from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.inverse.robot import world_frames
 from softsim_ros.inverse.simulated_robot import SimulatedRobot
+from softsim_ros.joint_reader import JointReader
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
@@ -73,7 +74,7 @@ class InverseControl(RobotNode):
         self._description = robot = dataclasses.replace(robot, inverse=start.over(robot.inverse))
         self.get_logger().info(f"building the model of {robot.name}")
         self._goal_frames = world_frames(self.frames)
-        self._joint_order: tuple[tuple[str, ...], list[int] | None] = ((), None)
+        self._joint_reader = JointReader(robot.joints, self.refuse)
         self._joint_states_at = -np.inf
         self._foreign_commands = 0
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
@@ -131,26 +132,9 @@ class InverseControl(RobotNode):
             self._measure(message)
 
     def _measure(self, message: JointState) -> None:
-        names = tuple(message.name)
-        if names != self._joint_order[0]:
-            self._joint_order = (names, self._order_of(names))
-        order = self._joint_order[1]
-        if order is not None and len(message.position) == len(names):
-            told = len(message.effort) == len(names)
-            where = [
-                message.effort[index] if told and joint.by_effort else message.position[index]
-                for index, joint in zip(order, self._description.joints, strict=True)
-            ]
-            self.control.plant = self.control.plant.with_joints(np.array(where), time.monotonic())
-
-    def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
-        missing = [joint for joint in self._description.joint_names if joint not in names]
-        if missing:
-            self.refuse(
-                f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
-            )
-            return None
-        return [names.index(joint) for joint in self._description.joint_names]
+        where = self._joint_reader.read(message)
+        if where is not None:
+            self.control.plant = self.control.plant.with_joints(where, time.monotonic())
 
     def _on_base_shift(self, message: Float64) -> None:
         if np.isfinite(message.data):

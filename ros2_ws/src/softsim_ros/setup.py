@@ -24,6 +24,7 @@ setup(
         "console_scripts": [
             "closed_loop = softsim_ros.executables:closed_loop",
             "inverse_controller = softsim_ros.executables:inverse_controller",
+            "observer = softsim_ros.executables:observer",
             "path_follower = softsim_ros.executables:path_follower",
             "recorder = softsim_ros.executables:recorder",
             "simulator = softsim_ros.executables:simulator",

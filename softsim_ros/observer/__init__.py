@@ -1,0 +1,1 @@
+"""The observer as a node: sensors in, shape and contact out."""

@@ -1,0 +1,252 @@
+"""The node `observer`: joints and sensors in; shape, effector and what touches the robot out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool, Float32MultiArray, Float64, String
+from std_srvs.srv import Trigger
+
+from servo_bridge.state_topics import StateTopics
+from softsim_core import RobotDescription
+from softsim_core.arrays import Array
+from softsim_core.errors import CommandError, SolverDivergedError
+from softsim_core.mechanics.pose import Pose
+from softsim_core.observer.estimate import Estimate
+from softsim_core.observer.observer import Observer
+from softsim_node.ending import ending
+from softsim_node.frames import prefix_of
+from softsim_node.help import Program
+from softsim_node.parameters import declare
+from softsim_node.process import run_node
+from softsim_ros.frames import WORLD, RobotFrames
+from softsim_ros.inverse.goals import FARTHEST_M, checked_pose, unit_quaternion
+from softsim_ros.inverse.robot import check_frame, world_frames
+from softsim_ros.joint_reader import JointReader
+from softsim_ros.messages import header, pose_stamped
+from softsim_ros.messages.buffers import message_array
+from softsim_ros.messages.diagnostics import OK, WARN
+from softsim_ros.observer.parameters import EFFECTOR, IMU, MARKER, ObserverParameters
+from softsim_ros.qos import LATCHED, NEWEST_ONLY
+from softsim_ros.robot_node import FrameSettings, RobotNode
+from softsim_ros.simulator.publications import Publications
+
+NODE_NAME: Final = "observer"
+SILENT_AFTER_S: Final = 1.0
+"""Joints not heard of for this long, in [s], have stopped: the observer waits."""
+
+REPORT_S: Final = 1.0
+
+
+class ObserverNode(RobotNode):
+    """A model beside a robot, corrected by its sensors; made as RobotNode says, in ROBOT/observer.
+
+    Raises:
+        SoftSimError: the robot is not known, or a parameter is not allowed.
+    """
+
+    node_name = NODE_NAME
+    room = "/observer"
+
+    def _begin(self, robot: RobotDescription) -> None:
+        values = declare(self, ObserverParameters(robot=self.robot_parameter, base_shift=robot.start_shift))
+        self.get_logger().info(f"building the model of {robot.name}")
+        self._observer = ending.abandonable(lambda: Observer(robot, values.sensors, values.settings))
+        self._markers = len(values.places)
+        self._base_shift = values.base_shift
+        self._joints: Array | None = None
+        self._joints_at = self._applied_at = -np.inf
+        self._running, self._sentence = False, "waits for joint states"
+        self._measured: dict[str, object] = {}
+        self._estimate: Estimate | None = None
+        self._tick_ms = 0.0
+        own = self.get_namespace()
+        self._source = (values.source or own.removesuffix(self.room)).strip("/")
+        self._source_frames = RobotFrames(prefix_of(self._source))
+        self._reader = JointReader(robot.joints, self.refuse)
+        self._publications = Publications(self, self._observer.model, self.frames, mesh_rate=values.mesh_rate)
+        self._believed = self.create_publisher(PoseWithCovarianceStamped, "effector_pose_with_covariance", 5)
+        self._wrench = self.create_publisher(WrenchStamped, "contact_wrench", 5)
+        self._deviation = self.create_publisher(Float32MultiArray, "mesh/deviation", NEWEST_ONLY)
+        self._subscribe(values)
+        self.create_service(Trigger, "forget", self._on_forget)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self._observer.dt, self._tick, clock=steady)
+        self.create_timer(REPORT_S, self._report, clock=steady)
+        self._state_topics = StateTopics(
+            self,
+            {
+                "touched": (Bool, lambda: Bool(data=self._touched)),
+                "verdict": (String, lambda: String(data=self._verdict)),
+            },
+        )
+
+    def _subscribe(self, values: ObserverParameters) -> None:
+        def listen(kind: type, topic: str, callback: object, profile: object = NEWEST_ONLY) -> None:
+            if topic:
+                path = topic if topic.startswith("/") else f"/{self._source}/{topic}".replace("//", "/")
+                self.create_subscription(kind, path, callback, profile)
+
+        listen(JointState, "applied_joint_states", self._on_applied)
+        listen(JointState, "joint_states", self._on_joint_states)
+        listen(Float64, "base_shift", self._on_base_shift, LATCHED)
+        if self._observer.unknowns.touch.start < self._observer.unknowns.acting:
+            listen(PoseStamped, values.pose_topic, self._on_pose)
+            listen(Imu, values.imu_topic, self._on_imu)
+        if self._markers:
+            listen(PoseArray, values.marker_topic, self._on_markers)
+        self.get_logger().info(f"observes /{self._source}")
+
+    @property
+    def _touched(self) -> bool:
+        return self._running and self._estimate is not None and self._estimate.touch is not None
+
+    @property
+    def _verdict(self) -> str:
+        return self._estimate.verdict if self._running and self._estimate is not None else "waiting"
+
+    # --- what comes in --------------------------------------------------------------------------------
+
+    def _on_applied(self, message: JointState) -> None:
+        self._applied_at = time.monotonic()
+        self._take_joints(message)
+
+    def _on_joint_states(self, message: JointState) -> None:
+        if time.monotonic() - self._applied_at > SILENT_AFTER_S:  # nobody reads servos back: a simulator
+            self._take_joints(message)
+
+    def _take_joints(self, message: JointState) -> None:
+        joints = self._reader.read(message)
+        if joints is not None and np.isfinite(joints).all():
+            self._joints, self._joints_at = joints, time.monotonic()
+
+    def _on_base_shift(self, message: Float64) -> None:
+        if np.isfinite(message.data):
+            self._base_shift = message.data
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        try:
+            self._measured[EFFECTOR] = checked_pose(
+                message, world_frames(self._source_frames), "measured pose"
+            )
+        except CommandError as error:
+            self.refuse(str(error))
+
+    def _on_imu(self, message: Imu) -> None:
+        if message.orientation_covariance[0] == -1.0:
+            self.refuse("imu refused: it has no orientation (its first covariance is -1)")
+            return
+        try:
+            turn = unit_quaternion(message.orientation, "imu")
+        except CommandError as error:
+            self.refuse(str(error))
+        else:
+            self._measured[IMU] = Pose(np.full(3, np.nan), turn)
+
+    def _on_markers(self, message: PoseArray) -> None:
+        try:
+            check_frame("markers", message.header.frame_id, self._source_frames)
+        except CommandError as error:
+            self.refuse(str(error))
+            return
+        if len(message.poses) != self._markers:
+            self.refuse(
+                f"markers refused: {len(message.poses)} places for {self._markers} markers (parameter "
+                "marker_places); give NaN for those that are not seen"
+            )
+            return
+        for number, pose in enumerate(message.poses):
+            place = np.array([pose.position.x, pose.position.y, pose.position.z])
+            if (np.abs(place) <= FARTHEST_M).all():  # else it is not seen
+                self._measured[f"{MARKER}{number}"] = place
+
+    def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._running = False
+        response.success, response.message = True, "what was learned is forgotten; the observer begins anew"
+        return response
+
+    # --- time -----------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        begun = time.monotonic()
+        if self._joints is None or begun - self._joints_at > SILENT_AFTER_S:
+            self._stop("waits for joint states")
+            return
+        measured, self._measured = self._measured, {}
+        try:
+            if not self._running:
+                self._observer.start(self._joints, self._base_shift)
+                self._running = True
+            estimate = self._observer.step(self._joints, measured, self._base_shift)
+        except SolverDivergedError as error:
+            self._stop(f"begins anew: {error}")
+            return
+        if estimate.sentence and estimate.sentence != self._sentence:
+            self.get_logger().warning(estimate.sentence, throttle_duration_sec=10.0)
+        self._estimate, self._sentence = estimate, estimate.sentence
+        self._state_topics.refresh()
+        self._publish(estimate)
+        self._tick_ms += 0.05 * (1e3 * (time.monotonic() - begun) - self._tick_ms)
+
+    def _stop(self, sentence: str) -> None:
+        self._running, self._sentence = False, sentence
+        self._measured.clear()
+
+    def _publish(self, estimate: Estimate) -> None:
+        self._publications.publish(self._observer.model, whole=False)
+        stamp = self.get_clock().now().to_msg()
+        if estimate.effector is not None:
+            message = PoseWithCovarianceStamped(header=header(stamp, WORLD))
+            pose = estimate.effector
+            message.pose.pose = pose_stamped(stamp, WORLD, pose.position, pose.quaternion_xyzw).pose
+            message.pose.covariance = estimate.effector_covariance.ravel()
+            self._believed.publish(message)
+        if estimate.touch is not None:
+            told = WrenchStamped(header=header(stamp, WORLD))
+            force, moment = told.wrench.force, told.wrench.torque
+            force.x, force.y, force.z = map(float, estimate.touch.force)
+            moment.x, moment.y, moment.z = map(float, estimate.touch.moment)
+            self._wrench.publish(told)
+
+    def _report(self) -> None:
+        estimate = self._estimate
+        if self._running and self._deviation.get_subscription_count():
+            values = self._observer.model.visual_values(self._observer.deviation())
+            self._deviation.publish(Float32MultiArray(data=message_array(values, "f")))
+        values_told: dict[str, object] = {"verdict": self._verdict, "tick_ms": round(self._tick_ms, 2)}
+        if self._running and estimate is not None:
+            values_told |= {
+                "consistency": round(estimate.consistency, 3),
+                "coordinates_used": estimate.used,
+                "left_out": ", ".join(estimate.left_out),
+                "touched": self._touched,
+            }
+            offsets = self._observer.belief.mean[self._observer.unknowns.offsets]
+            names = self._observer.model.joint_names
+            values_told |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
+        well = self._verdict in ("good", "learning")
+        self._publish_health(OK if well else WARN, self._sentence or self._verdict, values_told)
+
+
+PROGRAM = Program(
+    name="observer",
+    about="Says from sensors what shape a robot has, whether its model is right, and what touches it.",
+    settings=(ObserverParameters(), FrameSettings()),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the observer as a process; returns the exit code."""
+    return run_node(PROGRAM, lambda _: ObserverNode(), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
