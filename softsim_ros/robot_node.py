@@ -51,7 +51,6 @@ class RobotNode(ClosableNode):
 
     Attributes:
         node_name: Name of the node.
-        room: What stands behind the robot's name in the namespace that the node has by itself.
         robot: Name of the robot.
         robot_parameter: Value of the parameter `robot`, which a subclass declares.
         frames: Names of the robot's frames in headers.
@@ -62,7 +61,6 @@ class RobotNode(ClosableNode):
     """
 
     node_name: ClassVar[str]
-    room: ClassVar[str] = ""
 
     def __init__(
         self,
@@ -84,7 +82,7 @@ class RobotNode(ClosableNode):
         super().__init__(
             self.node_name,
             context=context,
-            namespace=scene.namespace + self.room if namespace is None else namespace,
+            namespace=scene.namespace if namespace is None else namespace,
             parameter_overrides=overrides,
         )
         try:

@@ -197,6 +197,7 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
     from softsim_ros.inverse.closed_loop_node import ClosedLoop
     from softsim_ros.inverse.inverse_node import InverseControl
     from softsim_ros.inverse.path_follower_node import PathFollower
+    from softsim_ros.observer.observer_node import ObserverNode
     from softsim_ros.recording.recorder_node import Recorder
     from softsim_ros.simulator.simulator_node import Simulator
     from softsim_ros.teleop.teleop_node import Teleop
@@ -212,6 +213,7 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
         start("simulator", Simulator, robot="inflated_cube", backend="scipy", snapshot_folder=str(folder))
         start("inverse_controller", InverseControl)
         start("path_follower", PathFollower)
+        start("observer", ObserverNode, marker_places="0.0 0.0 0.03")
         for measure in ("imu", "effector_pose"):
             start("closed_loop", ClosedLoop, measure=measure)
         for source in ("joint_states", "commands", "joint_commands"):

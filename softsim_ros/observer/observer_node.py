@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32MultiArray, Float64, String
 from std_srvs.srv import Trigger
@@ -23,7 +24,6 @@ from softsim_core.mechanics.pose import Pose
 from softsim_core.observer.estimate import Estimate
 from softsim_core.observer.observer import Observer
 from softsim_node.ending import ending
-from softsim_node.frames import prefix_of
 from softsim_node.help import Program
 from softsim_node.parameters import declare
 from softsim_node.process import run_node
@@ -47,14 +47,13 @@ REPORT_S: Final = 1.0
 
 
 class ObserverNode(RobotNode):
-    """A model beside a robot, corrected by its sensors; made as RobotNode says, in ROBOT/observer.
+    """A model beside a robot, corrected by its sensors; made as RobotNode says.
 
     Raises:
         SoftSimError: the robot is not known, or a parameter is not allowed.
     """
 
     node_name = NODE_NAME
-    room = "/observer"
 
     def _begin(self, robot: RobotDescription) -> None:
         values = declare(self, ObserverParameters(robot=self.robot_parameter, base_shift=robot.start_shift))
@@ -68,32 +67,32 @@ class ObserverNode(RobotNode):
         self._measured: dict[str, object] = {}
         self._estimate: Estimate | None = None
         self._tick_ms = 0.0
-        own = self.get_namespace()
-        self._source = (values.source or own.removesuffix(self.room)).strip("/")
-        self._source_frames = RobotFrames(prefix_of(self._source))
         self._reader = JointReader(robot.joints, self.refuse)
-        self._publications = Publications(self, self._observer.model, self.frames, mesh_rate=values.mesh_rate)
-        self._believed = self.create_publisher(PoseWithCovarianceStamped, "effector_pose_with_covariance", 5)
-        self._wrench = self.create_publisher(WrenchStamped, "contact_wrench", 5)
-        self._deviation = self.create_publisher(Float32MultiArray, "mesh/deviation", NEWEST_ONLY)
+        below = cast(Node, _Below(self))
+        frames = RobotFrames(self.frames.of(f"{NODE_NAME}/"))
+        self._publications = Publications(below, self._observer.model, frames, mesh_rate=values.mesh_rate)
+        self._believed = self.create_publisher(
+            PoseWithCovarianceStamped, "~/effector_pose_with_covariance", 5
+        )
+        self._wrench = self.create_publisher(WrenchStamped, "~/contact_wrench", 5)
+        self._deviation = self.create_publisher(Float32MultiArray, "~/mesh/deviation", NEWEST_ONLY)
         self._subscribe(values)
-        self.create_service(Trigger, "forget", self._on_forget)
+        self.create_service(Trigger, "~/forget", self._on_forget)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._observer.dt, self._tick, clock=steady)
         self.create_timer(REPORT_S, self._report, clock=steady)
         self._state_topics = StateTopics(
             self,
             {
-                "touched": (Bool, lambda: Bool(data=self._touched)),
-                "verdict": (String, lambda: String(data=self._verdict)),
+                "~/touched": (Bool, lambda: Bool(data=self._touched)),
+                "~/verdict": (String, lambda: String(data=self._verdict)),
             },
         )
 
     def _subscribe(self, values: ObserverParameters) -> None:
         def listen(kind: type, topic: str, callback: object, profile: object = NEWEST_ONLY) -> None:
             if topic:
-                path = topic if topic.startswith("/") else f"/{self._source}/{topic}".replace("//", "/")
-                self.create_subscription(kind, path, callback, profile)
+                self.create_subscription(kind, topic, callback, profile)
 
         listen(JointState, "applied_joint_states", self._on_applied)
         listen(JointState, "joint_states", self._on_joint_states)
@@ -103,7 +102,6 @@ class ObserverNode(RobotNode):
             listen(Imu, values.imu_topic, self._on_imu)
         if self._markers:
             listen(PoseArray, values.marker_topic, self._on_markers)
-        self.get_logger().info(f"observes /{self._source}")
 
     @property
     def _touched(self) -> bool:
@@ -134,9 +132,7 @@ class ObserverNode(RobotNode):
 
     def _on_pose(self, message: PoseStamped) -> None:
         try:
-            self._measured[EFFECTOR] = checked_pose(
-                message, world_frames(self._source_frames), "measured pose"
-            )
+            self._measured[EFFECTOR] = checked_pose(message, world_frames(self.frames), "measured pose")
         except CommandError as error:
             self.refuse(str(error))
 
@@ -153,7 +149,7 @@ class ObserverNode(RobotNode):
 
     def _on_markers(self, message: PoseArray) -> None:
         try:
-            check_frame("markers", message.header.frame_id, self._source_frames)
+            check_frame("markers", message.header.frame_id, self.frames)
         except CommandError as error:
             self.refuse(str(error))
             return
@@ -234,6 +230,19 @@ class ObserverNode(RobotNode):
             values_told |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
         well = self._verdict in ("good", "learning")
         self._publish_health(OK if well else WARN, self._sentence or self._verdict, values_told)
+
+
+class _Below:
+    """A node whose relative topics stand below its own name, so that they are not the robot's."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._node, name)
+
+    def create_publisher(self, kind: Any, topic: str, qos: Any) -> Any:
+        return self._node.create_publisher(kind, topic if topic.startswith("/") else f"~/{topic}", qos)
 
 
 PROGRAM = Program(

@@ -28,7 +28,6 @@ _OWN: Final = ObserverSettings()
 class ObserverParameters(RobotSettings):
     """Values of the parameters; those of `ObserverSettings` have its names."""
 
-    source: str = parameter("", "Namespace of the robot; empty: the one above the node's", fixed=True)
     pose_topic: str = parameter("effector_pose", "Measured pose of the effector; empty: none", fixed=True)
     marker_topic: str = parameter("markers", "Measured places of markers, in their order", fixed=True)
     imu_topic: str = parameter("imu", "Measured tilt of the effector; empty: none", fixed=True)

@@ -122,7 +122,7 @@ def test_it_sees_the_shape_the_contact_and_what_is_no_measurement(
     verdict, touched = (StateListener(client.node, f"observer/{name}") for name in ("verdict", "touched"))
     alone = Simulation(load_scene("tripod").robot_alone())
     place(alone, JOINTS, SHIFT)
-    assert node.get_namespace() == "/tripod/observer"
+    assert node.get_name() == "observer"
     off = np.linalg.norm(alone.effector_pose.position - bench.robot.effector_pose.position)
     assert off > 3e-4
     assert until(bench, spin_until, lambda: verdict.value == "good")
