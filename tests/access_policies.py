@@ -56,7 +56,10 @@ ELSEWHERE = {
         ),
     }.items()
     for name in names
-} | {Right("virtual_board", "virtual_board", "publish", "~/servo_pulses")}
+} | {
+    Right("virtual_board", "virtual_board", "publish", "~/servo_pulses"),
+    *(Right("observer", "observer", "publish", name) for name in ("/tf", "/tf_static")),
+}
 """Declared where the optional message packages are installed, see softsim_ros.optional_messages; and of a
 robot with servos on a bus."""
 
@@ -213,7 +216,7 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
         start("simulator", Simulator, robot="inflated_cube", backend="scipy", snapshot_folder=str(folder))
         start("inverse_controller", InverseControl)
         start("path_follower", PathFollower)
-        start("observer", ObserverNode, marker_places="0.0 0.0 0.03")
+        start("observer", ObserverNode, marker_places="-0.02 0.0 0.03")
         for measure in ("imu", "effector_pose"):
             start("closed_loop", ClosedLoop, measure=measure)
         for source in ("joint_states", "commands", "joint_commands"):

@@ -18,8 +18,8 @@ from softsim_core.mechanics.rows import Rows
 from softsim_core.mesh.embedding import embed
 from softsim_core.simulation import Simulation
 
-OUTSIDE = 0.05
-"""A marker farther outside every body than this part of an element sits on none."""
+OUTSIDE = 1.0
+"""A marker farther outside every body than so many elements are high sits on none; others stand off it."""
 
 
 class Sensor(Protocol):

@@ -194,3 +194,28 @@ def test_a_model_that_is_wrong_is_called_so() -> None:
         found = bench.step(bench.joints, seen)
     assert found.verdict == "wrong"
     assert found.sentence
+
+
+def test_a_marker_beside_every_body_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"marker 1: no body of tripod is at \[0.0, 0.0, 0.2\] m"):
+        Observer(ROBOT, lambda model: marker_sensors(model, np.array([MARKERS[0], [0.0, 0.0, 0.2]]), 1e-4))
+
+
+def test_without_an_effector_markers_tell_the_zeros() -> None:
+    """Nothing says what pushes there, so no contact is looked for."""
+    headless = load_scene("tripod").with_scene(effector=None)
+    near = [Simulation(headless.robot_alone()).model.rest[each] for each in (5, 60, 120, 180)]
+    observer = Observer(headless, lambda model: marker_sensors(model, np.array(near), 2e-5))
+    robot = Simulation(headless.robot_alone())
+    robot.enforce_limits = False
+    place(robot, HOME + ZEROS, SHIFT)
+    observer.start(HOME, SHIFT)
+    for _ in range(30):
+        seen = {
+            name: sensor.weights @ robot.positions[sensor.nodes]  # type: ignore[attr-defined]
+            for name, sensor in observer.sensors.items()
+        }
+        found = observer.step(HOME, seen)
+    assert (found.effector, found.touch) == (None, None)
+    before = observer.model.joint_positions - HOME
+    assert before == pytest.approx(ZEROS, abs=0.01)

@@ -46,7 +46,7 @@ NODES = {
     "inverse_controller": ("softsim_ros.inverse.inverse_node", {"robot": "tripod"}),
     "path_follower": ("softsim_ros.inverse.path_follower_node", {}),
     "closed_loop": ("softsim_ros.inverse.closed_loop_node", {"robot": "tripod"}),
-    "observer": ("softsim_ros.observer.observer_node", {"marker_places": "0.0 0.0 0.03"}),
+    "observer": ("softsim_ros.observer.observer_node", {"marker_places": "-0.02 0.0 0.03"}),
     "recorder": ("softsim_ros.recording.recorder_node", {"robot": "tripod"}),
     "viewer": ("softsim_ros.viewer.viewer_node", {}),
 }
