@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from time import thread_time
 
 import numpy as np
 import pytest
@@ -219,3 +220,12 @@ def test_without_an_effector_markers_tell_the_zeros() -> None:
     assert (found.effector, found.touch) == (None, None)
     before = observer.model.joint_positions - HOME
     assert before == pytest.approx(ZEROS, abs=0.01)
+
+
+def test_a_step_takes_less_than_the_hundredth_of_a_second_that_it_stands_for() -> None:
+    bench = Bench()
+    bench.rest(0.3)
+    seen, begun = bench.measured(), thread_time()
+    for _ in range(100):
+        bench.observer.step(HOME, seen)
+    assert (thread_time() - begun) / 100.0 < 0.7 * bench.observer.dt
