@@ -52,6 +52,9 @@ COMMANDS = {
         "softsim_ros.cli.calibrate_servos", "walk through a robot's servos: direction, mounting, range"
     ),
     "workspace": Command("softsim_ros.cli.workspace", "say how far a robot's effector gets, with a picture"),
+    "excite": Command(
+        "softsim_ros.cli.excite", "move a robot to measure it: a data set for validate and calibrate"
+    ),
     "validate": Command(
         "softsim_ros.cli.validate", "compare a model with measurements of the real robot, in mm"
     ),

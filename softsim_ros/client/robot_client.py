@@ -36,6 +36,7 @@ class RobotClient:
         say: Called with sentences for the person.
 
     Attributes:
+        node: That node, for topics of one's own.
         joints: Commands and trajectories within the limits.
         simulator: Start, pause, steps, reset, scenes, parameters, pulls.
         bridge: Sending to the servo board, e-stop.
@@ -46,6 +47,7 @@ class RobotClient:
     def __init__(
         self, node: Node, robot: RobotDescription, say: Callable[[str], None] = lambda _: None
     ) -> None:
+        self.node = node
         self._known = known = Known(robot, say)
         self.inverse = Inverse(node, known)
         self.closed_loop = ClosedLoop(node, known)

@@ -1,0 +1,315 @@
+"""Measures a robot: plays motions, gathers what its sensors say, writes it as a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.identification.description import (
+    AlignmentDescription,
+    CommandColumns,
+    DataSetDescription,
+    SessionDescription,
+    SplitDescription,
+    TimeColumn,
+)
+from softsim_core.identification.excitation import (
+    ExcitationSettings,
+    Motion,
+    grid,
+    motions,
+    room_of,
+    way,
+)
+from softsim_core.identification.files import load_data_set
+from softsim_core.identification.replay import SAME
+from softsim_core.identification.session import load_session
+from softsim_core.identification.writing import (
+    first_calibration,
+    write_calibration,
+    write_description,
+    write_table,
+)
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.excitation.errors import ExcitationError
+from softsim_ros.excitation.player import Player
+from softsim_ros.excitation.readings import times_of
+from softsim_ros.excitation.sensors import IMU, SIMULATED, Sensor
+
+TRIES: Final = 5
+"""So many times it is waited for a robot to stand still; after that the row is marked."""
+
+STILL_MM: Final = 0.02
+"""A sensor that drifts by less from one half of a look to the next, or by less than its noise, is at rest."""
+
+FEWEST: Final = 6
+"""So many readings a look has at least."""
+
+HELD_OUT: Final = 0.25
+"""Part of the poses that is held out, from FEW_POSES on."""
+
+FEW_POSES: Final = 8
+MOST_DELAY_S: Final = 0.1
+"""A sensor may be late by so much."""
+
+MOVING: Final = "moving"
+UNALIGNED: Final = AlignmentDescription()
+
+NOTES: Final = {
+    "steps": "Each joint in turn, as quickly as its limits allow.",
+    "chirp": "All joints swing, quicker and quicker.",
+    "ring_down": "A quick move away and back; what counts is the free motion after it.",
+}
+
+Progress = Callable[[str, float], None]
+"""Told what is done now, and how many of `duration_s` seconds are over."""
+
+
+class SetFolder:
+    """A new folder with a data set, whole after every change.
+
+    Args:
+        folder: Where; it must not exist.
+        robot: Name of the robot, or its file.
+        about: What it is, in a sentence.
+        source: Who measured it, and how.
+
+    Raises:
+        ExcitationError: it exists.
+    """
+
+    def __init__(self, folder: Path, robot: str, about: str, source: str) -> None:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError as error:
+            raise ExcitationError(f"{folder} is there already; give another folder with --out") from error
+        except OSError as error:
+            raise ExcitationError(f"{folder} cannot be made ({error.strerror})") from error
+        self.folder = folder
+        self._described = partial(
+            DataSetDescription, name=folder.name, robot=robot, about=about, source=source
+        )
+        self._sessions: dict[str, SessionDescription] = {}
+
+    @property
+    def sessions(self) -> tuple[SessionDescription, ...]:
+        """What there is so far."""
+        return tuple(self._sessions.values())
+
+    def put(self, session: SessionDescription, columns: dict[str, Array]) -> None:
+        """Write a session, or write it anew."""
+        self._sessions[session.name] = session
+        write_table(self.folder / session.file, columns, [session.note])
+        write_description(self.folder, self._described(sessions=self.sessions))
+
+    def finish(self, robot: RobotDescription) -> list[str]:
+        """Write a calibration to begin with, and read all as others will; returns what is told of it.
+
+        Raises:
+            DataError: the sensors gave what nobody can use.
+        """
+        names = [each.name for each in self.sessions]
+        timed = any(each.time is not None for each in self.sessions)
+        data, told = load_data_set(self.folder), []
+        for each in data.description.sessions:
+            rows = load_session(data, each)
+            told.append(f"{each.name}: {len(rows.table)} rows, {int(rows.used.sum())} of them count")
+        calibration = first_calibration(self.folder.name, robot, names, timed)
+        if calibration is not None:
+            write_calibration(self.folder, calibration)
+        return told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Looks:
+    """How a robot at rest is looked at, and what of its sensors is known.
+
+    Attributes:
+        settle_s: After a move it is waited so long, in [s].
+        hold_s: Readings of so long are averaged, in [s].
+        alignment: What is not known of the sensors.
+    """
+
+    settle_s: float = 1.0
+    hold_s: float = 0.5
+    alignment: AlignmentDescription = UNALIGNED
+
+
+class Measurement:
+    """The measurement of a robot.
+
+    Args:
+        robot: The robot.
+        player: Moves it.
+        sensors: What it is measured with.
+        settings: What is played.
+        looks: How it is looked at.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        player: Player,
+        sensors: Sequence[Sensor],
+        settings: ExcitationSettings,
+        looks: Looks,
+    ) -> None:
+        self._player, self._settings, self._looks = player, settings, looks
+        self._sensors = sorted(sensors, key=lambda each: each.kind == IMU)
+        self._room = room_of(robot, settings.reach)
+        units = {joint.units.command.si for joint in robot.joints}
+        unit = robot.joints[0].units.command.si
+        names = [f"{name}_{unit}" if len(units) == 1 else name for name in robot.joint_names]
+        self._commands = CommandColumns(columns=tuple(names), unit=unit, joints=robot.joint_names)
+        self._own = all(each.topic == SIMULATED for each in sensors)
+        self._poses = grid(self._room, settings) if "grid" in settings.kinds else np.empty((0, len(names)))
+        self._motions = motions(self._room, settings)
+
+    @property
+    def pose_s(self) -> float:
+        """How long a pose takes on average, with the way to it, in [s]."""
+        at, ways = self._room.home, 0
+        for pose in self._poses:
+            ways += len(way(at, pose, self._room, self._settings.speed, self._settings.period_s))
+            at = pose
+        moving = ways * self._settings.period_s / max(len(self._poses), 1)
+        return moving + self._looks.settle_s + self._looks.hold_s
+
+    @property
+    def duration_s(self) -> float:
+        """How long all takes, about, in [s]."""
+        return self.pose_s * len(self._poses) + sum(map(self._motion_s, self._motions))
+
+    def _motion_s(self, motion: Motion) -> float:
+        return motion.duration_s + self._looks.settle_s + self._looks.hold_s
+
+    def run(self, out: SetFolder, progress: Progress) -> None:
+        """Play everything, writing what is measured as it comes.
+
+        Raises:
+            ExcitationError: it ended before its time; what was measured is written.
+            ClientError: the robot refused.
+        """
+        self._player.go(self._room.home)
+        done, rows = 0.0, []
+        for k, pose in enumerate(self._poses):
+            progress(f"grid: pose {k + 1}/{len(self._poses)}", done)
+            self._player.go(pose)
+            rows.append(self._at_rest())
+            out.put(*self._static(np.array(rows)))
+            done += self.pose_s
+        for motion in self._motions:
+            progress(motion.name, done)
+            self._player.go(self._room.home)
+            self._at_rest()
+            out.put(*self._in_time(motion, partial(progress, motion.name), done))
+            done += self._motion_s(motion)
+
+    # --- poses ----------------------------------------------------------------------------------------
+
+    def _at_rest(self) -> Array:
+        """What sensors say at rest: the command, mean readings, their spread, and 1 if they still moved."""
+        self._player.wait(self._looks.settle_s)
+        for _ in range(TRIES):
+            row = self._look()
+            if not row[-1]:
+                break
+        return row
+
+    def _look(self) -> Array:
+        counts = [len(each.readings) for each in self._sensors]
+        told = len(self._player.joints)
+        self._player.wait(self._looks.hold_s)
+        seen = [
+            each.in_units(each.readings.since(count)[2])
+            for each, count in zip(self._sensors, counts, strict=True)
+        ]
+        commands = self._player.joints.since(told)[2]
+        if not len(commands) or any(len(each) < FEWEST for each in seen):
+            few = min(map(len, [commands, *seen]))
+            raise ExcitationError(
+                f"only {few} messages of a topic came within {self._looks.hold_s:g} s, and {FEWEST} are "
+                "needed; look longer (--hold)"
+            )
+        places = seen[0]
+        half = len(places) // 2
+        drift = np.abs(places[half:].mean(axis=0) - places[:half].mean(axis=0))
+        noise = places.std(axis=0)
+        moves = bool((drift > np.maximum(STILL_MM, 4.0 * noise / np.sqrt(half))).any())
+        command = commands.mean(axis=0) if self._player.real else self._player.command
+        means = [each.mean(axis=0) for each in seen]
+        return np.concatenate([command, *means, [float(noise.max()), float(moves)]])
+
+    def _static(self, rows: Array) -> tuple[SessionDescription, dict[str, Array]]:
+        names = [*self._commands.columns, *self._columns, "spread_mm", MOVING]
+        columns = dict(zip(names, rows.T, strict=True))
+        many = len(rows) >= FEW_POSES
+        return (
+            SessionDescription(
+                name="grid",
+                file=Path("grid.csv"),
+                note=f"Poses at rest: means over {self._looks.hold_s:g} s; spread_mm is their noise.",
+                suspect=MOVING,
+                split=SplitDescription(held_out_share=HELD_OUT, seed=self._settings.seed) if many else None,
+                **self._shared,
+            ),
+            columns,
+        )
+
+    # --- motions --------------------------------------------------------------------------------------
+
+    def _in_time(
+        self, motion: Motion, progress: Callable[[float], None], done: float
+    ) -> tuple[SessionDescription, dict[str, Array]]:
+        heard = [self._player.joints, *(each.readings for each in self._sensors)]
+        counts = [len(each) for each in heard]
+        self._player.play(motion.commands, lambda spent: progress(done + spent))
+        series = [each.since(count) for each, count in zip(heard, counts, strict=True)]
+        if any(len(stamps) < FEWEST for stamps, _, _ in series):
+            raise ExcitationError(f"{motion.name}: a topic said nothing while the robot moved")
+        clocks = times_of([(stamps, arrivals) for stamps, arrivals, _ in series])
+        when = clocks[1]
+        rising = when > np.maximum.accumulate(np.concatenate([[-np.inf], when[:-1]]))
+        when = when[rising]
+        told = _told(clocks[0], series[0][2], when, after=not self._player.real)
+        columns = {"time_s": when - when[0]} | dict(zip(self._commands.columns, told.T, strict=True))
+        for sensor, times, (_, _, numbers) in zip(self._sensors, clocks[1:], series[1:], strict=True):
+            for name, values in zip(sensor.columns, sensor.in_units(numbers).T, strict=True):
+                columns[name] = np.interp(when, times, values)
+        whole = np.all([np.isfinite(each) for each in columns.values()], axis=0)
+        columns = {name: values[whole] for name, values in columns.items()}
+        moved = np.flatnonzero(np.abs(np.diff(told[whole], axis=0)).max(axis=1) > 0.0)
+        first = float(columns["time_s"][moved[-1] + 1]) if motion.free and len(moved) else 0.0
+        time = TimeColumn(
+            column="time_s", first=round(first, 4), most_delay=0.0 if self._own else MOST_DELAY_S
+        )
+        note = NOTES[motion.name]
+        file = Path(f"{motion.name}.csv")
+        return SessionDescription(name=motion.name, file=file, note=note, time=time, **self._shared), columns
+
+    @property
+    def _columns(self) -> list[str]:
+        return [column for each in self._sensors for column in each.columns]
+
+    @property
+    def _shared(self) -> dict[str, Any]:
+        return {
+            "commands": self._commands,
+            "sensors": tuple(point for each in self._sensors for point in each.described),
+            "alignment": self._looks.alignment,
+        }
+
+
+def _told(times: Array, commands: Array, when: Array, *, after: bool) -> Array:
+    """What joints were told at the times of rows: of a simulator where they stand after the step to come."""
+    if after:
+        index = np.searchsorted(times, when + SAME, side="right")
+    else:
+        index = np.searchsorted(times, when + SAME, side="right") - 1
+    return np.asarray(commands[np.clip(index, 0, len(times) - 1)])

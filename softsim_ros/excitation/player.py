@@ -1,0 +1,206 @@
+"""Plays motions on a robot through its client, and ends where that is no longer safe or asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from softsim_core.arrays import Array
+from softsim_core.errors import SoftSimError
+from softsim_core.identification.excitation import ExcitationSettings, room_of, way
+from softsim_node.ending import ending
+from softsim_ros.client.session import RobotSession
+from softsim_ros.client.state import commandable
+from softsim_ros.excitation.errors import ExcitationError
+from softsim_ros.excitation.readings import Readings, silence_s
+from softsim_ros.excitation.sensors import Sensor
+from softsim_ros.qos import LATCHED
+
+SILENT_S: Final = 2.0
+"""A topic from which nothing came for so long in [s] is taken for dead."""
+
+LOOK_S: Final = 0.003
+FIRST_WITHIN_S: Final = 5.0
+SHIFTED: Final = 1e-6
+DEPTH: Final = 500
+
+
+class MeasurementInterruptedError(ExcitationError):
+    """Somebody asked for the end."""
+
+
+class Player:
+    """Moves a robot on the topic that everybody uses, through all limits.
+
+    Time is that of the robot: of the stamps of a simulator's joint states, which stand still with it, or of
+    this computer where the robot is real.
+
+    Args:
+        session: The robot.
+        real: Whether the measured robot is moved by the servo bridge; else it is simulated.
+        settings: How quickly it is moved.
+
+    Attributes:
+        joints: What the joints were told as the robot's own topics say, each as a command (j,).
+        real: As given.
+    """
+
+    def __init__(self, session: RobotSession, real: bool, settings: ExcitationSettings) -> None:
+        self._session, self.real, self._settings = session, real, settings
+        self._room = room_of(session.client.robot, settings.reach)
+        self._period_s = settings.period_s
+        self._at: Array | None = None
+        self._leaving = self._sent = False
+        self._heard: tuple[Readings, ...] = ()
+        topic = "applied_joint_states" if real else "joint_states"
+        node = session.client.node
+        self.joints = Readings(topic, self._told)
+        node.create_subscription(JointState, topic, self.joints, DEPTH)
+        self._shift: list[float] = []
+        node.create_subscription(Float64, "base_shift", self._on_shift, LATCHED)
+
+    # --- what the joints were told --------------------------------------------------------------------
+
+    def _on_shift(self, message: Float64) -> None:
+        self._shift.append(float(message.data))
+
+    @property
+    def command(self) -> Array:
+        """The newest command, shape (j,)."""
+        assert self._at is not None
+        return self._at
+
+    def _told(self, message: JointState) -> Sequence[float]:
+        """A message as a command: of joints that follow exactly where they are, of others what we told."""
+        robot, own = self._session.client.robot, self._at
+        if len(message.position) != len(message.name) or any(
+            name not in message.name for name in robot.joint_names
+        ):
+            return ()
+        told = []
+        for k, joint in enumerate(robot.joints):
+            exact = joint.moves_frame and joint.stiffness is None
+            if self.real or exact or own is None:
+                told.append(float(message.position[list(message.name).index(joint.name)]))
+            else:
+                told.append(float(own[k]))
+        return told
+
+    # --- moving ---------------------------------------------------------------------------------------
+
+    def begin(self, sensors: Sequence[Sensor]) -> None:
+        """Wait for the first word of all topics; a simulated robot plays its start move first.
+
+        Raises:
+            ExcitationError: a topic says nothing.
+            ClientError: the robot refuses.
+        """
+        self._heard = (self.joints, *(each.readings for each in sensors))
+        end = time.monotonic() + FIRST_WITHIN_S
+        while silent := [each.topic for each in self._heard if not len(each)]:
+            if time.monotonic() > end:
+                raise ExcitationError(f"nothing comes on {', '.join(silent)} within {FIRST_WITHIN_S:g} s")
+            time.sleep(LOOK_S)
+        client = self._session.client
+        robot = client.robot
+        shifted = bool(self._shift) and abs(self._shift[-1] - robot.start_shift) < SHIFTED
+        if not self.real and robot.start is not None and not shifted:
+            self._session.do(client.simulator.start)
+            self._session.wait_until_there()
+        state = commandable(self._session.state, robot)
+        assert state.measured is not None
+        self._at = np.clip(state.measured, *self._limits)
+
+    @property
+    def _limits(self) -> tuple[Array, Array]:
+        limits = [joint.limits for joint in self._session.client.robot.joints]
+        return np.array([each.lower for each in limits]), np.array([each.upper for each in limits])
+
+    @property
+    def _now(self) -> float:
+        newest = self.joints.newest
+        return time.monotonic() if self.real or newest is None else newest
+
+    def wait(self, seconds: float, tick: Callable[[float], None] | None = None) -> None:
+        """Let time pass; `tick` is told how much has.
+
+        Raises:
+            ExcitationError: the measurement cannot go on.
+        """
+        begin = self._now
+        while (spent := self._now - begin) < seconds:
+            self._check()
+            if tick is not None:
+                tick(spent)
+            time.sleep(LOOK_S)
+
+    def play(self, commands: Array, tick: Callable[[float], None] | None = None) -> None:
+        """Send commands (k, j), one every period; those that come late are left out.
+
+        Raises:
+            ExcitationError: the measurement cannot go on.
+            ClientError: a command is refused.
+        """
+        begin, sent = self._now, -1
+        while sent < len(commands) - 1:
+            self._check()
+            spent = self._now - begin
+            due = min(int(spent / self._period_s), len(commands) - 1)
+            if due > sent:
+                sent = due
+                self._send(commands[due])
+            else:
+                time.sleep(LOOK_S)
+            if tick is not None:
+                tick(spent)
+        self.wait(self._period_s)
+
+    def go(self, goal: Array) -> None:
+        """Go to a pose (j,) with the share of the limits that is asked for; raises as `play`."""
+        self.play(way(self.command, goal, self._room, self._settings.speed, self._period_s))
+
+    def leave(self) -> str:
+        """Go home whatever was asked for; returns why not, in a sentence, or nothing."""
+        self._leaving = True
+        if self._at is None:
+            return ""
+        try:
+            self.go(self._room.home)
+        except SoftSimError as error:
+            return str(error)
+        return ""
+
+    def _send(self, command: Array) -> None:
+        self._at = command
+        self._session.do(self._session.client.joints.command, command.tolist())
+        self._sent = True
+
+    # --- reasons to end -------------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        state = self._session.state
+        if ending.asked and not self._leaving:
+            raise MeasurementInterruptedError("interrupted")
+        if state.e_stopped:
+            raise ExcitationError(
+                "the e-stop is latched: the servos hold still; clear it (servo_bridge/clear_e_stop) when the "
+                "robot is safe, then measure again"
+            )
+        if self.real and state.bridge != "comm":
+            raise ExcitationError(f"the servo bridge no longer sends, it is {state.bridge}; its log says why")
+        if not self.real and state.stands:
+            why = state.fault or f"the simulation is {state.simulator}"
+            raise ExcitationError(f"the robot stands still: {why}")
+        if self._sent and not state.owns_command:
+            raise ExcitationError(
+                "another node commands the joints (position_controller/commands); a robot that is measured "
+                "must be moved by nobody else"
+            )
+        for each in self._heard:
+            if silence_s(each) > SILENT_S:
+                raise ExcitationError(f"nothing came on {each.topic} for {SILENT_S:g} s")

@@ -1,0 +1,70 @@
+"""What topics said, each message with its stamp and the time of its arrival."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.arrays import Array
+
+ONE_CLOCK_S: Final = 1.0
+"""Stamps of two topics whose clocks are farther apart than this in [s] are told by two clocks."""
+
+
+class Readings:
+    """Messages of a topic as rows of numbers; filled by the thread that serves a node, read by another.
+
+    Args:
+        topic: The topic's name, for messages.
+        numbers: The numbers of a message, always as many; an empty sequence leaves the message out.
+    """
+
+    def __init__(self, topic: str, numbers: Callable[[Any], Sequence[float]]) -> None:
+        self.topic, self._numbers = topic, numbers
+        self._rows: list[tuple[float, float, tuple[float, ...]]] = []
+        self.arrived = time.monotonic()
+        self.frame = ""
+
+    def __call__(self, message: Any) -> None:
+        """Take a message."""
+        now, numbers = time.time(), tuple(self._numbers(message))
+        if not numbers or (self._rows and len(numbers) != len(self._rows[0][2])):
+            return
+        header = getattr(message, "header", None)
+        stamp = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+        self.frame = "" if header is None else str(header.frame_id)
+        self.arrived = time.monotonic()
+        self._rows.append((stamp or now, now, numbers))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def newest(self) -> float | None:
+        """Stamp of the newest message in [s]."""
+        return self._rows[-1][0] if self._rows else None
+
+    def since(self, count: int) -> tuple[Array, Array, Array]:
+        """Stamps (k,), arrivals (k,) in [s] and numbers (k, n) of the messages after the first `count`."""
+        rows = self._rows[count:]
+        stamps, arrivals = (np.array([row[i] for row in rows], dtype=float) for i in (0, 1))
+        return stamps, arrivals, np.array([row[2] for row in rows], dtype=float).reshape(len(rows), -1)
+
+
+def silence_s(readings: Readings) -> float:
+    """How long nothing has come, in [s]."""
+    return time.monotonic() - readings.arrived
+
+
+def times_of(all_readings: Sequence[tuple[Array, Array]]) -> list[Array]:
+    """Times of the messages of several topics on one clock: their stamps, else when they arrived.
+
+    Args:
+        all_readings: Stamps and arrivals of each topic, each with one message or more.
+    """
+    ahead = [float(np.median(stamps - arrivals)) for stamps, arrivals in all_readings]
+    one_clock = max(ahead) - min(ahead) < ONE_CLOCK_S
+    return [stamps if one_clock else arrivals for stamps, arrivals in all_readings]

@@ -1,0 +1,226 @@
+"""The sensors of a robot on its topics: which there are, what they sit on, what a message says."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+
+from softsim_core.arrays import Array
+from softsim_core.errors import listing
+from softsim_core.identification.description import EFFECTOR, SensorDescription
+from softsim_core.values import Vector
+from softsim_ros.excitation.errors import ExcitationError
+from softsim_ros.excitation.readings import Readings
+from softsim_ros.qos import hearing_all
+
+POSE, MARKERS, IMU = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseArray", "sensor_msgs/msg/Imu"
+TYPES: Final = {POSE: PoseStamped, MARKERS: PoseArray, IMU: Imu}
+
+SIMULATED: Final = "effector_pose"
+"""What the simulator says of the effector."""
+
+NOT_MEASURED: Final = frozenset(
+    {
+        SIMULATED,
+        "effector_goal",
+        "effector_reference",
+        "inverse_controller/model_pose",
+        "bodies/poses",
+        "frames",
+    }
+)
+"""Poses in a robot's namespace that nobody measures."""
+
+FOUND_WITHIN_S: Final = 10.0
+SETTLED_S: Final = 1.5
+"""So long is looked for sensors that nobody named, in [s]."""
+
+DEPTH: Final = 500
+IMU_FIELDS: Final = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
+
+
+@dataclass(frozen=True, slots=True)
+class SensorChoice:
+    """A topic to record.
+
+    Attributes:
+        topic: In the robot's namespace, or absolute.
+        places: What its points sit on, one each: a frame of the robot, or a point of a body in [m].
+    """
+
+    topic: str
+    places: tuple[str | Vector, ...] = ()
+
+
+def sensor_choice(text: str) -> SensorChoice:
+    """TOPIC, or TOPIC=PLACE,PLACE... with places that are frames or points X:Y:Z in [m].
+
+    Raises:
+        ExcitationError: it is written otherwise.
+    """
+    topic, _, places = text.partition("=")
+    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", topic, re.ASCII):
+        raise ExcitationError(f"sensor {text!r}: write TOPIC or TOPIC=PLACE,..., such as markers=effector")
+    return SensorChoice(topic, tuple(_place(each, text) for each in places.split(",") if each))
+
+
+def _place(text: str, whole: str) -> str | Vector:
+    if ":" not in text:
+        return text
+    try:
+        x, y, z = map(float, text.split(":"))
+    except ValueError as error:
+        raise ExcitationError(
+            f"sensor {whole!r}: a point is X:Y:Z in m of the robot at rest, such as 0.01:0:0.03"
+        ) from error
+    return x, y, z
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """A topic that is being heard.
+
+    Attributes:
+        topic: Its name as it was given.
+        kind: Its type.
+        readings: What came; positions in [m], three numbers a point, or the numbers of an IMU.
+        described: Its points as a data set describes them; none of an IMU.
+    """
+
+    topic: str
+    kind: str
+    readings: Readings
+    described: tuple[SensorDescription, ...]
+
+    @property
+    def columns(self) -> list[str]:
+        """What its numbers are called, in order."""
+        if self.kind == IMU:
+            return [f"{_word(self.topic)}_{field}" for field in IMU_FIELDS]
+        return [column for each in self.described for column in each.columns]
+
+    def in_units(self, numbers: Array) -> Array:
+        """Its numbers (k, n) in the units of its columns."""
+        return numbers if self.kind == IMU else 1e3 * numbers
+
+
+def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[[str], None]) -> list[Sensor]:
+    """Subscribe to the sensors that were chosen, else to those that are there, else to the simulator's.
+
+    Args:
+        node: In the robot's namespace; it spins.
+        choices: What was asked for.
+        unknown: Told of what is there and cannot be used, in sentences.
+
+    Raises:
+        ExcitationError: there is no such topic, it is of another type, or nobody says where its points sit.
+    """
+    wanted = list(choices) or _found(node, unknown)
+    sensors = [_hear(node, each) for each in wanted]
+    if all(each.kind == IMU for each in sensors):
+        raise ExcitationError(
+            f"{listing(each.topic for each in sensors)}: an IMU tells no place; name a topic of PoseStamped "
+            "or PoseArray, too"
+        )
+    names = [described.name for each in sensors for described in each.described]
+    if len(set(names)) < len(names):
+        raise ExcitationError(f"two sensors would both be called one of {listing(sorted(set(names)))}")
+    return sensors
+
+
+def _found(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
+    prefix = node.get_namespace().rstrip("/") + "/"
+    found: dict[str, str] = {}
+    end = time.monotonic() + SETTLED_S
+    while time.monotonic() < end:
+        for name, types in node.get_topic_names_and_types():
+            topic = name.removeprefix(prefix)
+            measured = name.startswith(prefix) and topic not in NOT_MEASURED and types[0] in TYPES
+            if measured and node.count_publishers(name):
+                found[topic] = types[0]
+        time.sleep(0.05)
+    for topic, kind in list(found.items()):
+        if kind == MARKERS:
+            del found[topic]
+            unknown(f"{topic} is left out: say what its points sit on, --sensor {topic}=PLACE,PLACE...")
+    if all(kind == IMU for kind in found.values()):
+        found[SIMULATED] = POSE
+    return [SensorChoice(topic) for topic in sorted(found, key=lambda topic: (found[topic] == IMU, topic))]
+
+
+def _hear(node: Node, choice: SensorChoice) -> Sensor:
+    full = node.resolve_topic_name(choice.topic)
+    end = time.monotonic() + FOUND_WITHIN_S
+    while not (infos := node.get_publishers_info_by_topic(full)):
+        if time.monotonic() > end:
+            raise ExcitationError(
+                f"nobody publishes {full} within {FOUND_WITHIN_S:g} s; start the sensor's driver, or name "
+                "another topic with --sensor (softsim topics lists them)"
+            )
+        time.sleep(0.05)
+    kind = infos[0].topic_type
+    if kind not in TYPES:
+        raise ExcitationError(
+            f"{full} is of type {kind}; sensors are {listing(each.split('/')[-1] for each in TYPES)}"
+        )
+    places = choice.places or (() if kind == MARKERS else (EFFECTOR,))
+    if kind == MARKERS and not places:
+        raise ExcitationError(
+            f"{full} has points on the robot; say what each sits on: --sensor {choice.topic}=PLACE,PLACE..., "
+            "with frames of the robot or points X:Y:Z in m"
+        )
+    if kind == POSE and len(places) != 1:
+        raise ExcitationError(f"{full} is one pose, and {len(places)} places are given for it")
+    described = () if kind == IMU else _described(choice.topic, places)
+    readings = Readings(full, _NUMBERS[kind](len(places)))
+    node.create_subscription(TYPES[kind], full, readings, hearing_all(infos, DEPTH))
+    return Sensor(choice.topic, kind, readings, described)
+
+
+def _described(topic: str, places: Sequence[str | Vector]) -> tuple[SensorDescription, ...]:
+    word, told = _word(topic), []
+    for k, place in enumerate(places):
+        name = word if len(places) == 1 else f"{word}_{k}"
+        x, y, z = (f"{name}_{axis}_mm" for axis in "xyz")
+        where = {"at": place} if isinstance(place, str) else {"place": place}
+        told.append(SensorDescription(name=name, columns=(x, y, z), unit="mm", **where))
+    return tuple(told)
+
+
+def _word(topic: str) -> str:
+    return topic.strip("/").replace("/", "_")
+
+
+def _pose(_: int) -> Callable[[Any], Sequence[float]]:
+    return lambda message: _point(message.pose)
+
+
+def _poses(count: int) -> Callable[[Any], Sequence[float]]:
+    def numbers(message: Any) -> Sequence[float]:
+        if len(message.poses) != count:  # a marker was lost: no one knows which
+            return ()
+        return [value for pose in message.poses for value in _point(pose)]
+
+    return numbers
+
+
+def _imu(_: int) -> Callable[[Any], Sequence[float]]:
+    def numbers(message: Any) -> Sequence[float]:
+        q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
+        return q.x, q.y, q.z, q.w, w.x, w.y, w.z, a.x, a.y, a.z
+
+    return numbers
+
+
+def _point(pose: Any) -> Sequence[float]:
+    return pose.position.x, pose.position.y, pose.position.z
+
+
+_NUMBERS: Final = {POSE: _pose, MARKERS: _poses, IMU: _imu}
