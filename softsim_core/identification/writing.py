@@ -57,15 +57,16 @@ def write_calibration(folder: Path, calibration: CalibrationDescription) -> Path
 def first_calibration(
     name: str, robot: RobotDescription, sessions: Sequence[str], in_time: bool
 ) -> CalibrationDescription | None:
-    """What one may begin with: zeros of the servos; in time, stiffness and damping.
+    """What one may begin with: zeros of the servos and the stiffness; in time, the damping, too.
 
-    In equilibrium at imposed angles the stiffness hardly shows: it cancels but for the weight.
+    At imposed angles the stiffness shows by the weight alone: readings that are means of poses tell it better
+    than noisy ones in time.
 
     Args:
         name: Of the calibration.
         robot: The robot as it is described.
         sessions: Names of the sessions that are fitted.
-        in_time: Whether some of them are measured in time.
+        in_time: Whether they are measured in time.
 
     Returns:
         None: nothing of this robot is sought so.
@@ -79,22 +80,20 @@ def first_calibration(
             drawn_at = f"{joint.rest!r} " if joint.rest else ""
             rest = {"name": joint.name, "rest": f"= {drawn_at}- {zero.name}"}
             overlay.setdefault("joints", []).append(rest)
-    if in_time:
-        alike = [each for each in robot.scene.bodies if each.material == robot.scene.bodies[0].material]
-        values = alike[0].material.values if alike else {}
-        if "young_modulus" in values:
-            wanted.append(_scaled("young", 1e-3 * values["young_modulus"], "kPa"))
-            stiffer = {"young_modulus": "= 1e3 * young"}
-        elif "stiffness_factor" in values:
-            wanted.append(_scaled("stiffness", values["stiffness_factor"], ""))
-            stiffer = {"stiffness_factor": "= stiffness"}
-        else:
-            alike = []
-        if alike:
-            overlay["bodies"] = [{"name": each.name, "material": dict(stiffer)} for each in alike]
-        if robot.scene.solver.rayleigh_stiffness > 0.0:
-            wanted.append(_scaled("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
-            overlay["solver"] = {"rayleigh_stiffness": "= 1e-3 * damping"}
+    alike = [each for each in robot.scene.bodies if each.material == robot.scene.bodies[0].material]
+    values = alike[0].material.values if alike else {}
+    stiffer = {}
+    if "young_modulus" in values:
+        wanted.append(_scaled("young", 1e-3 * values["young_modulus"], "kPa"))
+        stiffer = {"young_modulus": "= 1e3 * young"}
+    elif "stiffness_factor" in values:
+        wanted.append(_scaled("stiffness", values["stiffness_factor"], ""))
+        stiffer = {"stiffness_factor": "= stiffness"}
+    if stiffer:
+        overlay["bodies"] = [{"name": each.name, "material": dict(stiffer)} for each in alike]
+    if in_time and robot.scene.solver.rayleigh_stiffness > 0.0:
+        wanted.append(_scaled("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
+        overlay["solver"] = {"rayleigh_stiffness": "= 1e-3 * damping"}
     if not wanted:
         return None
     return CalibrationDescription(

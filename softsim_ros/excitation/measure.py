@@ -64,8 +64,11 @@ UNALIGNED: Final = AlignmentDescription()
 NOTES: Final = {
     "steps": "Each joint in turn, as quickly as its limits allow.",
     "chirp": "All joints swing, quicker and quicker.",
-    "ring_down": "A quick move away and back; what counts is the free motion after it.",
+    "ring_down": "A quick move away and back, and the free motion after it.",
 }
+RINGS: Final = " What counts is the free motion."
+FREE: Final = 0.05
+"""A free motion that is a smaller part of the whole is none: then the whole counts."""
 
 Progress = Callable[[str, float], None]
 """Told what is done now, and how many of `duration_s` seconds are over."""
@@ -114,13 +117,13 @@ class SetFolder:
         Raises:
             DataError: the sensors gave what nobody can use.
         """
-        names = [each.name for each in self.sessions]
-        timed = any(each.time is not None for each in self.sessions)
+        at_rest = [each.name for each in self.sessions if each.time is None]
+        names = at_rest or [each.name for each in self.sessions]
         data, told = load_data_set(self.folder), []
         for each in data.description.sessions:
             rows = load_session(data, each)
             told.append(f"{each.name}: {len(rows.table)} rows, {int(rows.used.sum())} of them count")
-        calibration = first_calibration(self.folder.name, robot, names, timed)
+        calibration = first_calibration(self.folder.name, robot, names, not at_rest)
         if calibration is not None:
             write_calibration(self.folder, calibration)
         return told
@@ -284,12 +287,15 @@ class Measurement:
                 columns[name] = np.interp(when, times, values)
         whole = np.all([np.isfinite(each) for each in columns.values()], axis=0)
         columns = {name: values[whole] for name, values in columns.items()}
-        moved = np.flatnonzero(np.abs(np.diff(told[whole], axis=0)).max(axis=1) > 0.0)
-        first = float(columns["time_s"][moved[-1] + 1]) if motion.free and len(moved) else 0.0
-        time = TimeColumn(
-            column="time_s", first=round(first, 4), most_delay=0.0 if self._own else MOST_DELAY_S
+        first = (
+            _rings_from(
+                columns["time_s"], told[whole], np.array([columns[name] for name in self._columns[:3]]).T
+            )
+            if motion.free
+            else 0.0
         )
-        note = NOTES[motion.name]
+        time = TimeColumn(column="time_s", first=first, most_delay=0.0 if self._own else MOST_DELAY_S)
+        note = NOTES[motion.name] + (RINGS if first else "")
         file = Path(f"{motion.name}.csv")
         return SessionDescription(name=motion.name, file=file, note=note, time=time, **self._shared), columns
 
@@ -304,6 +310,23 @@ class Measurement:
             "sensors": tuple(point for each in self._sensors for point in each.described),
             "alignment": self._looks.alignment,
         }
+
+
+def _rings_from(times: Array, commands: Array, places: Array) -> float:
+    """From when on a free motion is seen, in [s]; 0: the body follows its joints, and hardly rings.
+
+    Args:
+        times: Of rows in [s], shape (k,).
+        commands: Of the joints, shape (k, j).
+        places: Of a sensor, shape (k, 3).
+    """
+    moved = np.flatnonzero(np.abs(np.diff(commands, axis=0)).max(axis=1) > 0.0)
+    if not len(moved):
+        return 0.0
+    free = moved[-1] + 1
+    noise = places[: moved[0] + 1].std(axis=0).max()
+    swing = places[free:].std(axis=0).max()
+    return round(float(times[free]), 4) if swing > max(FREE * places.std(axis=0).max(), 3.0 * noise) else 0.0
 
 
 def _told(times: Array, commands: Array, when: Array, *, after: bool) -> Array:

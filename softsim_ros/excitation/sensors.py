@@ -122,8 +122,7 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
     Raises:
         ExcitationError: there is no such topic, it is of another type, or nobody says where its points sit.
     """
-    wanted = list(choices) or _found(node, unknown)
-    sensors = [_hear(node, each) for each in wanted]
+    sensors = [_hear(node, each) for each in choices] if choices else _found(node, unknown)
     if all(each.kind == IMU for each in sensors):
         raise ExcitationError(
             f"{listing(each.topic for each in sensors)}: an IMU tells no place; name a topic of PoseStamped "
@@ -135,7 +134,22 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
     return sensors
 
 
-def _found(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
+def _found(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
+    """Sensors that are there and say something; without any that tells a place, the simulator's, too."""
+    sensors = [_hear(node, each) for each in _offered(node, unknown)]
+    end = time.monotonic() + SETTLED_S
+    while not all(len(each.readings) for each in sensors) and time.monotonic() < end:
+        time.sleep(0.05)
+    for each in sensors:
+        if not len(each.readings):
+            unknown(f"{each.topic} is left out: it says nothing")
+    sensors = [each for each in sensors if len(each.readings)]
+    if all(each.kind == IMU for each in sensors):
+        sensors.append(_hear(node, SensorChoice(SIMULATED)))
+    return sensors
+
+
+def _offered(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
     prefix = node.get_namespace().rstrip("/") + "/"
     found: dict[str, str] = {}
     end = time.monotonic() + SETTLED_S
@@ -150,9 +164,7 @@ def _found(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
         if kind == MARKERS:
             del found[topic]
             unknown(f"{topic} is left out: say what its points sit on, --sensor {topic}=PLACE,PLACE...")
-    if all(kind == IMU for kind in found.values()):
-        found[SIMULATED] = POSE
-    return [SensorChoice(topic) for topic in sorted(found, key=lambda topic: (found[topic] == IMU, topic))]
+    return [SensorChoice(topic) for topic in sorted(found)]
 
 
 def _hear(node: Node, choice: SensorChoice) -> Sensor:

@@ -1,0 +1,208 @@
+"""`softsim excite` through processes: what it records, how it ends, and the chain to a calibrated model."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from softsim_core import load_scene
+from softsim_core.identification import load_data_set, load_session
+from softsim_ros.cli import main
+from softsim_ros.excitation.errors import ExcitationError
+from softsim_ros.excitation.readings import times_of
+from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+CLI = "softsim_ros.cli"
+READY_S = 120.0
+START = load_scene("tripod").start_joints
+COARSE = {
+    "bodies": [{"name": "silicone", "mesh": {"file": str(REPOSITORY / "configs/meshes/tripod_coarse.vtk")}}]
+}
+ZEROS = (0.04, -0.03, 0.02)
+YOUNG = 200.0e3
+QUICK = ("--settle", "0.2", "--hold", "0.3", "--speed", "1")
+
+
+def rows(folder: Path, session: str = "grid") -> int:
+    try:
+        return len((folder / f"{session}.csv").read_text().splitlines()) - 2
+    except OSError:
+        return 0
+
+
+def softsim(*words: str) -> Any:
+    return subprocess.run(
+        [sys.executable, "-m", CLI, *words],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=False,
+    )
+
+
+def write_scene(file: Path, extends: str, **changes: Any) -> Path:
+    file.write_text(yaml.safe_dump({"extends": extends, **changes}))
+    return file
+
+
+def test_the_model_that_moved_is_found_without_error(ros_domain: int, tmp_path: Path) -> None:
+    """Commands, stamps and the step in which a command acts are the simulator's, at rest and in time."""
+    model = write_scene(tmp_path / "model.yaml", str(REPOSITORY / "configs/robots/tripod.yaml"), **COARSE)
+    out = tmp_path / "bench"
+    words = ("--poses", "3", "--motion", "grid", "--motion", "chirp", "--motion", "ring_down")
+    done = softsim(
+        "excite", str(model), "--out", str(out), "--chirp", "1.5", "--ringing", "0.5", *words, *QUICK
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "measuring the simulated tripod with effector_pose: about" in done.stdout
+    assert "grid: 3 rows, 3 of them count" in done.stdout
+    limits = json.loads(softsim("validate", str(out), "--json", "--max-max", "0.001").stdout)
+    assert len(limits["sessions"]) == 3
+    assert softsim("validate", str(out), "--max-max", "0.001").returncode == 0
+
+
+@pytest.fixture
+def measuring(running_tripod: Any, start_process: Callable[..., Any], spin_until: Any, tmp_path: Path) -> Any:
+    """A measurement of the module's Tripod that has taken two poses, and its folder."""
+    out = tmp_path / "bench"
+    process = start_process(CLI, "excite", "tripod", "--attach", "--out", str(out), "--poses", "27", *QUICK)
+    assert spin_until(lambda: rows(out) >= 2 or process.process.poll() is not None, READY_S)
+    assert process.process.poll() is None, process.output
+    return process, out
+
+
+def test_ctrl_c_keeps_what_is_recorded_and_brings_the_robot_home(
+    measuring: Any, running_tripod: Any, spin_until: Any
+) -> None:
+    process, out = measuring
+    states = running_tripod.client.collect(JointState, "joint_states")
+    assert process.end() == 130, process.output
+    assert "bench, as far as it came: softsim validate" in process.output
+    assert spin_until(lambda: states and list(states[-1].position) == pytest.approx(list(START), abs=1e-3))
+    data = load_data_set(out)
+    assert len(load_session(data, data.description.sessions[0]).table) >= 2
+    assert (out / "calibration.yaml").is_file()
+
+
+def test_nobody_else_may_move_the_robot(measuring: Any, running_tripod: Any) -> None:
+    process, out = measuring
+    points = running_tripod.client.publisher(Float64MultiArray, "position_controller/commands")
+    points.publish(Float64MultiArray(data=[-1.0, -1.1, -1.2]))
+    assert process.process.wait(READY_S) == 1
+    assert "another node commands the joints" in process.output
+    assert rows(out) >= 2
+
+
+def test_an_e_stop_ends_it(
+    start_process: Callable[..., Any], client: Any, spin_until: Any, tmp_path: Path
+) -> None:
+    robot = write_scene(
+        tmp_path / "stopped.yaml", str(REPOSITORY / "configs/robots/tripod.yaml"), name="stopped"
+    )
+    up = start_process(CLI, "up", str(robot), "--headless", "--no-viewer", "--send")
+    assert up.says("bridge active", READY_S), up.output
+    out = tmp_path / "bench"
+    process = start_process(CLI, "excite", str(robot), "--attach", "--out", str(out), "--poses", "27", *QUICK)
+    assert spin_until(lambda: rows(out) >= 2 or process.process.poll() is not None, READY_S)
+    assert process.process.poll() is None, process.output
+    assert client.call(Trigger, "/stopped/servo_bridge/e_stop").success
+    assert process.process.wait(READY_S) == 1
+    assert "the e-stop is latched: the servos hold still" in process.output
+    assert "the robot is not back in its start pose" in process.output
+    assert rows(out) >= 2
+
+
+def test_a_folder_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["excite", "tripod", "--out", str(tmp_path)]) == 1
+    assert "is there already; give another with --out" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [("--reach", "2"), ("--poses", "0"), ("--speed", "0"), ("--chirp", "-1")])
+def test_what_cannot_be_played_is_a_sentence(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["excite", "tripod", "--out", str(tmp_path / "bench"), *words]) == 1
+    assert f"{words[0].strip('-')}" in capsys.readouterr().err
+
+
+def test_sensors_are_named_with_what_they_sit_on() -> None:
+    assert sensor_choice("marker") == SensorChoice("marker")
+    assert sensor_choice("/cam/points=effector,0.01:0:0.03") == SensorChoice(
+        "/cam/points", ("effector", (0.01, 0.0, 0.03))
+    )
+    for wrong in ("=effector", "a b", "points=0.1:0.2"):
+        with pytest.raises(ExcitationError, match="sensor"):
+            sensor_choice(wrong)
+
+
+def test_stamps_of_another_clock_are_not_used() -> None:
+    arrivals = np.linspace(1000.0, 1001.0, 11)
+    late = arrivals - 0.02
+    assert [each[0] for each in times_of([(late, arrivals), (late + 0.01, arrivals)])] == [999.98, 999.99]
+    simulated = arrivals - 995.0
+    assert [each[0] for each in times_of([(late, arrivals), (simulated, arrivals)])] == [1000.0, 1000.0]
+
+
+def test_the_whole_chain(
+    start_process: Callable[..., Any], ros_domain: int, tmp_path: Path, spin_until: Any
+) -> None:
+    """Excite, validate, calibrate, validate, up: a robot with other zeros and stiffness, seen with noise."""
+    model = write_scene(
+        tmp_path / "model.yaml", str(REPOSITORY / "configs/robots/tripod.yaml"), name="bench_robot", **COARSE
+    )
+    reality = write_scene(
+        tmp_path / "reality.yaml",
+        "model.yaml",
+        joints=[{"name": f"servo_{k}", "rest": -zero} for k, zero in enumerate(ZEROS)],
+        bodies=[{"name": "silicone", "material": {"young_modulus": YOUNG}}],
+    )
+    out, found = tmp_path / "bench", tmp_path / "found.yaml"
+    robot = start_process(
+        "softsim_ros.simulator.simulator_node",
+        *("--ros-args", "-p", f"robot:={reality}", "-p", "publish_clock:=true"),
+    )
+    assert robot.says("simulating", READY_S), robot.output
+    camera = start_process("examples.marker_camera", "bench_robot", "0.1")
+    excite = softsim(
+        *("excite", str(model), "--attach", "--out", str(out), "--sensor", "marker", "--motion", "grid"),
+        *("--poses", "8", "--reach", "0.9", *QUICK),
+    )
+    assert excite.returncode == 0, excite.stdout + excite.stderr + robot.output + camera.output
+    assert camera.end() == 0
+    assert robot.end() == 0
+
+    before = softsim("validate", str(out), "--max-mean", "0.2")
+    assert before.returncode == 1
+    fitted = softsim("calibrate", str(out), "--out", str(found), "--json")
+    assert fitted.returncode == 0, fitted.stderr
+    told = json.loads(fitted.stdout)
+    truth = dict(zip(("zero_0", "zero_1", "zero_2"), ZEROS, strict=True)) | {"young": 1e-3 * YOUNG}
+    for each in told["parameters"]:
+        assert each["found"], each
+        assert abs(each["value"] - truth[each["name"]]) < 3.0 * each["standard_error"], each
+    assert told["sessions"]["grid"]["mean_before_mm"] > 0.6
+    after = softsim("validate", str(out), "--robot", str(found), "--max-mean", "0.15")
+    assert after.returncode == 0, after.stdout + after.stderr
+
+    up = start_process(CLI, "up", str(found), "--headless", "--no-viewer")
+    assert up.says("running", READY_S), up.output
+    assert up.end() == 0
