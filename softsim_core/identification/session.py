@@ -15,7 +15,8 @@ from softsim_core.identification.description import (
     SplitDescription,
 )
 from softsim_core.identification.files import DataSet
-from softsim_core.identification.table import Table, read_table
+from softsim_core.identification.readers import read_table
+from softsim_core.identification.table import Table
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import degrees

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,10 +81,6 @@ class Table:
         return values * (1.0 if unit is None else SCALES[unit].si)
 
 
-TableReader = Callable[[Path, Sequence[str]], Table]
-"""Reads some columns of a file."""
-
-
 def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
     """A CSV file: lines that begin with # are comments, the first other one names the columns.
 
@@ -116,22 +112,6 @@ def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
             raise DataError(file, f"line {number}", f"has {len(row)} cells for {len(names)} columns")
     cells = list(zip(*(row for _, row in rows[1:]), strict=True))
     return Table(file, dict(zip(names, cells, strict=True)), [number for number, _ in rows[1:]])
-
-
-READERS: dict[str, TableReader] = {".csv": read_csv}
-"""What reads a table, by the ending of its file; an interface adds those of its recordings."""
-
-
-def read_table(file: Path, columns: Sequence[str]) -> Table:
-    """Columns of a table, by the ending of its file.
-
-    Raises:
-        DataError: it cannot be read, or has an unknown ending.
-    """
-    reader = READERS.get(file.suffix.lower())
-    if reader is None:
-        raise DataError(file, "", f"is no table that is known here; known are {listing(READERS)}")
-    return reader(file, columns)
 
 
 def _number(cell: object) -> float:

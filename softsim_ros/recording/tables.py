@@ -10,7 +10,8 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import DataError, listing
-from softsim_core.identification.table import READERS, Table
+from softsim_core.identification.readers import READERS
+from softsim_core.identification.table import Table
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import TooLongError, flat, joint_row
 

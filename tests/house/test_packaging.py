@@ -111,6 +111,6 @@ def test_package_xml_names_what_the_code_imports(package: str) -> None:
     declared = {element.text for element in root.iter("exec_depend")}
     used = imports(package) - {package} - WITHOUT_KEY
     # optional imports, behind a test whether they are there
-    used -= {"daqp", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser"}
+    used -= {"daqp", "pydrake", "mujoco", "ament_index_python", "llvmlite", "rosbags", "viser", "c3d"}
     used -= {"websockets", "imageio", "msgspec", "lz4"}  # viser's own, and rosbags'
     assert {ROSDEP.get(name, name) for name in used} - declared == set()

@@ -10,7 +10,7 @@ import pytest
 from bag_rows import COMMANDS, command, write
 
 from softsim_core.errors import DataError
-from softsim_core.identification.table import READERS, read_table
+from softsim_core.identification.readers import READERS, read_table
 from softsim_ros.cli import main
 from softsim_ros.recording.tables import read_bag, register
 

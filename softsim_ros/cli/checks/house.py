@@ -24,6 +24,7 @@ OPTIONAL = {  # import name -> distribution, and what needs it
     "daqp": ("daqp", "inverse control (key I, inverse:=true, path follower)"),
     "viser": ("viser", "web page (up without --no-viewer, viewer:=true)"),
     "rosbags": ("rosbags", "record, replay, export and report"),
+    "c3d": ("c3d", "motion capture files (C3D) in validate and calibrate"),
     "matplotlib": ("matplotlib", "charts of report, pictures of workspace --out"),
 }
 OLDEST, NEWEST = (3, 10), (3, 13)
