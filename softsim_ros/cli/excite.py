@@ -178,6 +178,11 @@ def _measured(
         f"measuring the {kind} {robot.name} with {', '.join(each.topic for each in sensors)}: about "
         f"{measurement.duration_s:.0f} s; Ctrl-C keeps what is recorded"
     )
+    if player.is_slow:
+        _say(
+            "the simulation stamps by the wall clock, and does not keep real time: what is measured in time "
+            "is wrong by as much; start it with publish_clock:=true"
+        )
     out = SetFolder(
         folder,
         _named(arguments.robot, folder),

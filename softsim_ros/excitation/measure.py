@@ -228,9 +228,15 @@ class Measurement:
     def _look(self) -> Array:
         counts = [len(each.readings) for each in self._sensors]
         told = len(self._player.joints)
-        self._player.wait(self._looks.hold_s)
+        for _ in range(TRIES):
+            self._player.wait(self._looks.hold_s)
+            fewest = min(
+                len(each.readings) - count for each, count in zip(self._sensors, counts, strict=True)
+            )
+            if min(fewest, len(self._player.joints) - told) >= FEWEST:
+                break
         seen = [
-            each.in_units(each.readings.since(count)[2])
+            _whole(each.in_units(each.readings.since(count)[2]))
             for each, count in zip(self._sensors, counts, strict=True)
         ]
         commands = self._player.joints.since(told)[2]
@@ -240,14 +246,11 @@ class Measurement:
                 f"only {few} messages of a topic came within {self._looks.hold_s:g} s, and {FEWEST} are "
                 "needed; look longer (--hold)"
             )
-        places = seen[0]
-        half = len(places) // 2
-        drift = np.abs(places[half:].mean(axis=0) - places[:half].mean(axis=0))
-        noise = places.std(axis=0)
-        moves = bool((drift > np.maximum(STILL_MM, 4.0 * noise / np.sqrt(half))).any())
-        command = commands.mean(axis=0) if self._player.real else self._player.command
+        moves = _drifts(seen[0])
+        command = commands[-1] if self._player.real else self._player.command
+        moves = moves or (self._player.real and bool(np.ptp(commands, axis=0).any()))
         means = [each.mean(axis=0) for each in seen]
-        return np.concatenate([command, *means, [float(noise.max()), float(moves)]])
+        return np.concatenate([command, *means, [float(seen[0].std(axis=0).max()), float(moves)]])
 
     def _static(self, rows: Array) -> tuple[SessionDescription, dict[str, Array]]:
         names = [*self._commands.columns, *self._columns, "spread_mm", MOVING]
@@ -310,6 +313,22 @@ class Measurement:
             "sensors": tuple(point for each in self._sensors for point in each.described),
             "alignment": self._looks.alignment,
         }
+
+
+def _drifts(places: Array) -> bool:
+    """Whether places (k, 3) in [mm] that were read one after the other move by more than their noise.
+
+    Noise is told by neighbours, which a slow motion hardly sets apart.
+    """
+    half = len(places) // 2
+    drift = np.abs(places[half:].mean(axis=0) - places[:half].mean(axis=0))
+    noise = np.diff(places, axis=0).std(axis=0) / np.sqrt(2.0)
+    return bool((drift > np.maximum(STILL_MM, 4.0 * noise * np.sqrt(2.0 / half))).any())
+
+
+def _whole(numbers: Array) -> Array:
+    """The rows of numbers (k, n) that are all finite."""
+    return np.asarray(numbers[np.isfinite(numbers).all(axis=1)])
 
 
 def _rings_from(times: Array, commands: Array, places: Array) -> float:

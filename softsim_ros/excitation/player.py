@@ -27,6 +27,7 @@ SILENT_S: Final = 2.0
 LOOK_S: Final = 0.003
 FIRST_WITHIN_S: Final = 5.0
 SHIFTED: Final = 1e-6
+KEEPS_UP: Final = 0.95
 DEPTH: Final = 500
 
 
@@ -115,6 +116,13 @@ class Player:
         state = commandable(self._session.state, robot)
         assert state.measured is not None
         self._at = np.clip(state.measured, *self._limits)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether a simulator stamps with the wall clock and does not keep up with it."""
+        factor, newest = self._session.state.real_time_factor, self.joints.newest
+        on_wall = newest is not None and abs(newest - time.time()) < FIRST_WITHIN_S
+        return not self.real and on_wall and factor is not None and factor < KEEPS_UP
 
     @property
     def _limits(self) -> tuple[Array, Array]:

@@ -15,14 +15,16 @@ import yaml
 
 pytest.importorskip("rclpy")
 
-from sensor_msgs.msg import JointState
+from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from softsim_core import load_scene
+from softsim_core import load_scene, rotation_exp
 from softsim_core.identification import load_data_set, load_session
 from softsim_ros.cli import main
 from softsim_ros.excitation.errors import ExcitationError
+from softsim_ros.excitation.measure import _drifts
 from softsim_ros.excitation.readings import times_of
 from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
 
@@ -120,14 +122,62 @@ def test_an_e_stop_ends_it(
     up = start_process(CLI, "up", str(robot), "--headless", "--no-viewer", "--send")
     assert up.says("bridge active", READY_S), up.output
     out = tmp_path / "bench"
-    process = start_process(CLI, "excite", str(robot), "--attach", "--out", str(out), "--poses", "27", *QUICK)
+    words = ("--attach", "--joints", "real", "--out", str(out), "--poses", "27")
+    process = start_process(CLI, "excite", str(robot), *words, *QUICK)
     assert spin_until(lambda: rows(out) >= 2 or process.process.poll() is not None, READY_S)
     assert process.process.poll() is None, process.output
     assert client.call(Trigger, "/stopped/servo_bridge/e_stop").success
     assert process.process.wait(READY_S) == 1
     assert "the e-stop is latched: the servos hold still" in process.output
     assert "the robot is not back in its start pose" in process.output
-    assert rows(out) >= 2
+    data = load_data_set(out)
+    told = np.degrees(load_session(data, data.description.sessions[0]).commands(load_scene("tripod")))
+    assert told == pytest.approx(np.round(told), abs=1e-4)  # what the bridge applied: bytes of a degree
+
+
+def test_markers_of_a_camera_and_an_imu_are_recorded(
+    running_tripod: Any, start_process: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    """The camera stands somewhere: its frame is fitted, and a ringing on one line is left out."""
+    node, turned = client.node, rotation_exp(np.array([0.0, 0.0, 0.4]))
+    points = node.create_publisher(PoseArray, "points", 10)
+    shaken = node.create_publisher(Imu, "imu", 10)
+
+    def on_pose(seen: PoseStamped) -> None:
+        place = seen.pose.position
+        x, y, z = turned @ (place.x, place.y, place.z) + (0.1, 0.0, 0.5)
+        message = PoseArray(header=seen.header)
+        message.header.frame_id = "camera"
+        message.poses = [Pose(position=Point(x=x, y=y, z=z))] * 2
+        points.publish(message)
+        shaken.publish(Imu(header=seen.header, orientation=Quaternion(w=1.0)))
+
+    subscription = node.create_subscription(PoseStamped, "effector_pose", on_pose, 10)
+    out = tmp_path / "bench"
+    process = start_process(
+        *(CLI, "excite", "tripod", "--attach", "--out", str(out), "--poses", "5", *QUICK),
+        *(
+            "--sensor",
+            "points=effector,centre",
+            "--sensor",
+            "imu",
+            "--motion",
+            "grid",
+            "--motion",
+            "ring_down",
+        ),
+    )
+    assert process.process.wait(READY_S) == 0, process.output
+    node.destroy_subscription(subscription)
+    assert "ring_down is left out" in process.output
+    data = load_data_set(out)
+    (grid,) = data.description.sessions
+    assert [each.at for each in grid.sensors] == ["effector", "centre"]
+    assert grid.alignment.frame
+    assert {"imu_qw", "points_1_z_mm", "servo_2_rad"} <= set(
+        (out / "grid.csv").read_text().splitlines()[1].split(",")
+    )
+    assert main(["validate", str(out), "--max-mean", "0.01"]) == 0
 
 
 def test_a_folder_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,6 +202,16 @@ def test_sensors_are_named_with_what_they_sit_on() -> None:
     for wrong in ("=effector", "a b", "points=0.1:0.2"):
         with pytest.raises(ExcitationError, match="sensor"):
             sensor_choice(wrong)
+
+
+def test_what_still_moves_is_told_from_noise() -> None:
+    random, ramp = np.random.default_rng(0), np.linspace(0.0, 1.0, 12)[:, None] * (1.0, 0.0, 0.0)
+    settling = np.exp(-3.0 * ramp[:, :1]) * (0.0, 0.5, 0.0)
+    assert _drifts(ramp)
+    assert _drifts(settling)
+    noises = [0.2 * random.standard_normal((30, 3)) for _ in range(200)]
+    assert np.mean([_drifts(each) for each in noises]) < 0.02
+    assert not _drifts(np.zeros((6, 3)))
 
 
 def test_stamps_of_another_clock_are_not_used() -> None:
