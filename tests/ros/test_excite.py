@@ -19,12 +19,13 @@ from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from waiting import spin_until
 
 from softsim_core import load_scene, rotation_exp
 from softsim_core.identification import load_data_set, load_session
 from softsim_ros.cli import main
 from softsim_ros.excitation.errors import ExcitationError
-from softsim_ros.excitation.measure import _drifts
+from softsim_ros.excitation.measure import _drifts, _rings_from
 from softsim_ros.excitation.readings import times_of
 from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
 
@@ -102,6 +103,22 @@ def test_ctrl_c_keeps_what_is_recorded_and_brings_the_robot_home(
     data = load_data_set(out)
     assert len(load_session(data, data.description.sessions[0]).table) >= 2
     assert (out / "calibration.yaml").is_file()
+
+
+def test_a_motion_that_is_cut_short_is_kept_as_far_as_it_came(
+    running_tripod: Any, start_process: Callable[..., Any], tmp_path: Path
+) -> None:
+    out = tmp_path / "bench"
+    process = start_process(
+        CLI, "excite", "tripod", "--attach", "--out", str(out), "--motion", "chirp", *QUICK
+    )
+    assert process.says("chirp ...", READY_S), process.output
+    commands = running_tripod.client.collect(Float64MultiArray, "position_controller/commands")
+    assert spin_until(lambda: len({each.data[0] for each in commands}) > 30, READY_S)
+    assert process.end() == 130, process.output
+    (session,) = load_data_set(out).description.sessions
+    assert session.name == "chirp"
+    assert 10 < len(load_session(load_data_set(out), session).table) < 1100
 
 
 def test_nobody_else_may_move_the_robot(measuring: Any, running_tripod: Any) -> None:
@@ -212,6 +229,16 @@ def test_what_still_moves_is_told_from_noise() -> None:
     noises = [0.2 * random.standard_normal((30, 3)) for _ in range(200)]
     assert np.mean([_drifts(each) for each in noises]) < 0.02
     assert not _drifts(np.zeros((6, 3)))
+
+
+def test_a_ringing_counts_from_where_the_joints_stand() -> None:
+    times = 0.01 * np.arange(300)
+    commands = np.where((times > 0.3) & (times < 0.9), 0.5, 0.0)[:, None]
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((300, 3))
+    rings = np.exp(-2.0 * times) * np.sin(40.0 * times) * (times > 0.3)
+    follows = 5.0 * commands * (1.0, 0.0, 0.0)
+    assert _rings_from(times, commands, follows + noise + rings[:, None]) == pytest.approx(0.9, abs=0.011)
+    assert _rings_from(times, commands, follows + noise) == 0.0  # it only follows
 
 
 def test_stamps_of_another_clock_are_not_used() -> None:
