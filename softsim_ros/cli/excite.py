@@ -153,9 +153,10 @@ def _measured(
     arguments: argparse.Namespace, settings: ExcitationSettings, session: RobotSession, folder: Path
 ) -> int:
     """Measure the robot of a session; returns the exit code."""
-    from softsim_ros.excitation.measure import Looks, Measurement, SetFolder
+    from softsim_ros.excitation.measure import Looks, Measurement
     from softsim_ros.excitation.player import MeasurementInterruptedError, Player
     from softsim_ros.excitation.sensors import SIMULATED, hear_sensors, sensor_choice
+    from softsim_ros.excitation.set_folder import SetFolder
 
     robot, node = session.client.robot, session.client.node
     sensors = hear_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
@@ -197,9 +198,10 @@ def _measured(
     except SoftSimError as error:
         print(f"\nsoftsim excite: {error}", file=sys.stderr)
         code = 1
-    progress.end()
-    if why := player.leave():
-        print(f"softsim excite: the robot is not back in its start pose: {why}", file=sys.stderr)
+    finally:
+        progress.end()
+        if why := player.leave():
+            print(f"softsim excite: the robot is not back in its start pose: {why}", file=sys.stderr)
     if not out.sessions:
         folder.rmdir()
         _say("nothing was recorded")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,6 @@ from softsim_core.errors import SoftSimError
 from softsim_core.identification.description import (
     AlignmentDescription,
     CommandColumns,
-    DataSetDescription,
     SessionDescription,
     SplitDescription,
     TimeColumn,
@@ -29,26 +27,17 @@ from softsim_core.identification.excitation import (
     room_of,
     way,
 )
-from softsim_core.identification.files import load_data_set
-from softsim_core.identification.replay import SAME
-from softsim_core.identification.session import load_session
-from softsim_core.identification.writing import (
-    first_calibration,
-    write_calibration,
-    write_description,
-    write_table,
-)
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.excitation.errors import ExcitationError
 from softsim_ros.excitation.player import Player
 from softsim_ros.excitation.readings import Readings, times_of
+from softsim_ros.excitation.rows import drifts, rings_from, told_at, whole
 from softsim_ros.excitation.sensors import IMU, SIMULATED, Sensor
+from softsim_ros.excitation.set_folder import SetFolder
 
 TRIES: Final = 5
 """So many times it is waited for a robot to stand still; after that the row is marked."""
 
-STILL_MM: Final = 0.02
-"""A sensor that drifts by less from one half of a look to the next, or by less than its noise, is at rest."""
 
 FEWEST: Final = 6
 """So many readings a look has at least."""
@@ -69,66 +58,9 @@ NOTES: Final = {
     "ring_down": "A quick move away and back, and the free motion after it.",
 }
 RINGS: Final = " What counts is the free motion."
-FREE: Final = 0.02
-"""A free motion that is a smaller part of the whole is none: then the whole counts."""
 
 Progress = Callable[[str, float], None]
 """Told what is done now, and how many of `duration_s` seconds are over."""
-
-
-class SetFolder:
-    """A new folder with a data set, whole after every change.
-
-    Args:
-        folder: Where; it must not exist.
-        robot: Name of the robot, or its file.
-        about: What it is, in a sentence.
-        source: Who measured it, and how.
-
-    Raises:
-        ExcitationError: it exists.
-    """
-
-    def __init__(self, folder: Path, robot: str, about: str, source: str) -> None:
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError as error:
-            raise ExcitationError(f"{folder} is there already; give another folder with --out") from error
-        except OSError as error:
-            raise ExcitationError(f"{folder} cannot be made ({error.strerror})") from error
-        self.folder = folder
-        self._described = partial(
-            DataSetDescription, name=folder.name, robot=robot, about=about, source=source
-        )
-        self._sessions: dict[str, SessionDescription] = {}
-
-    @property
-    def sessions(self) -> tuple[SessionDescription, ...]:
-        """What there is so far."""
-        return tuple(self._sessions.values())
-
-    def put(self, session: SessionDescription, columns: dict[str, Array]) -> None:
-        """Write a session, or write it anew."""
-        self._sessions[session.name] = session
-        write_table(self.folder / session.file, columns, [session.note])
-        write_description(self.folder, self._described(sessions=self.sessions))
-
-    def finish(self, robot: RobotDescription) -> list[str]:
-        """Write a calibration to begin with, and read all as others will; returns what is told of it.
-
-        Raises:
-            DataError: the sensors gave what nobody can use.
-        """
-        at_rest = [each.name for each in self.sessions if each.time is None]
-        names = at_rest or [each.name for each in self.sessions]
-        data, told = load_data_set(self.folder), []
-        for each in data.description.sessions:
-            rows = load_session(data, each)
-            told.append(f"{each.name}: {len(rows.table)} rows, {int(rows.used.sum())} of them count")
-        calibration = first_calibration(self.folder.name, robot, names, not at_rest)
-        if calibration is not None:
-            write_calibration(self.folder, calibration)
-        return told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,7 +185,7 @@ class Measurement:
             if min(fewest, len(self._player.joints) - told) >= FEWEST:
                 break
         seen = [
-            _whole(each.in_units(each.readings.since(count)[2]))
+            whole(each.in_units(each.readings.since(count)[2]))
             for each, count in zip(self._sensors, counts, strict=True)
         ]
         commands = self._player.joints.since(told)[2]
@@ -263,7 +195,7 @@ class Measurement:
                 f"only {few} messages of a topic came within {self._looks.hold_s:g} s, and {FEWEST} are "
                 "needed; look longer (--hold)"
             )
-        moves = _drifts(seen[0])
+        moves = drifts(seen[0])
         command = commands[-1] if self._player.real else self._player.command
         moves = moves or (self._player.real and bool(np.ptp(commands, axis=0).any()))
         means = [each.mean(axis=0) for each in seen]
@@ -296,16 +228,16 @@ class Measurement:
         when = clocks[1]
         rising = when > np.maximum.accumulate(np.concatenate([[-np.inf], when[:-1]]))
         when = when[rising]
-        told = _told(clocks[0], series[0][2], when, after=not self._player.real)
+        told = told_at(clocks[0], series[0][2], when, after=not self._player.real)
         columns = {"time_s": when - when[0]} | dict(zip(self._commands.columns, told.T, strict=True))
         for sensor, times, (_, _, numbers) in zip(self._sensors, clocks[1:], series[1:], strict=True):
             for name, values in zip(sensor.columns, sensor.in_units(numbers).T, strict=True):
                 columns[name] = np.interp(when, times, values)
-        whole = np.all([np.isfinite(each) for each in columns.values()], axis=0)
-        columns = {name: values[whole] for name, values in columns.items()}
+        all_finite = np.all([np.isfinite(each) for each in columns.values()], axis=0)
+        columns = {name: values[all_finite] for name, values in columns.items()}
         first = (
-            _rings_from(
-                columns["time_s"], told[whole], np.array([columns[name] for name in self._columns[:3]]).T
+            rings_from(
+                columns["time_s"], told[all_finite], np.array([columns[name] for name in self._columns[:3]]).T
             )
             if motion.free
             else 0.0
@@ -326,45 +258,3 @@ class Measurement:
             "sensors": tuple(point for each in self._sensors for point in each.described),
             "alignment": self._looks.alignment,
         }
-
-
-def _drifts(places: Array) -> bool:
-    """Whether places (k, 3) in [mm] that were read one after the other move by more than their noise.
-
-    Noise is told by neighbours, which a slow motion hardly sets apart.
-    """
-    half = len(places) // 2
-    drift = np.abs(places[half:].mean(axis=0) - places[:half].mean(axis=0))
-    noise = np.diff(places, axis=0).std(axis=0) / np.sqrt(2.0)
-    return bool((drift > np.maximum(STILL_MM, 4.0 * noise * np.sqrt(2.0 / half))).any())
-
-
-def _whole(numbers: Array) -> Array:
-    """The rows of numbers (k, n) that are all finite."""
-    return np.asarray(numbers[np.isfinite(numbers).all(axis=1)])
-
-
-def _rings_from(times: Array, commands: Array, places: Array) -> float:
-    """From when on a free motion is seen, in [s]; 0: the body follows its joints, and hardly rings.
-
-    Args:
-        times: Of rows in [s], shape (k,).
-        commands: Of the joints, shape (k, j).
-        places: Of a sensor, shape (k, 3).
-    """
-    moved = np.flatnonzero(np.abs(np.diff(commands, axis=0)).max(axis=1) > 0.0)
-    if not len(moved):
-        return 0.0
-    free = moved[-1] + 1
-    noise = places[: moved[0] + 1].std(axis=0).max()
-    swing = places[free:].std(axis=0).max()
-    return round(float(times[free]), 4) if swing > max(FREE * places.std(axis=0).max(), 3.0 * noise) else 0.0
-
-
-def _told(times: Array, commands: Array, when: Array, *, after: bool) -> Array:
-    """What joints were told at the times of rows: of a simulator where they stand after the step to come."""
-    if after:
-        index = np.searchsorted(times, when + SAME, side="right")
-    else:
-        index = np.searchsorted(times, when + SAME, side="right") - 1
-    return np.asarray(commands[np.clip(index, 0, len(times) - 1)])

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Float64MultiArray
 
 from softsim_core.arrays import Array
 from softsim_core.errors import SoftSimError
@@ -56,16 +56,23 @@ class Player:
         self._room = room_of(session.client.robot, settings.reach)
         self._period_s = settings.period_s
         self._at: Array | None = None
-        self._leaving = self._sent = False
+        self._leaving = self._foreign = False
+        self._sent: set[tuple[float, ...]] = set()
         self._heard: tuple[Readings, ...] = ()
         topic = "applied_joint_states" if real else "joint_states"
         node = session.client.node
         self.joints = Readings(topic, self._told)
         node.create_subscription(JointState, topic, self.joints, DEPTH)
+        node.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, DEPTH)
         self._shift: list[float] = []
         node.create_subscription(Float64, "base_shift", self._on_shift, LATCHED)
 
     # --- what the joints were told --------------------------------------------------------------------
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        """Every command is heard, the own ones, too; the client looks at the newest only."""
+        if self._sent and tuple(message.data) not in self._sent:
+            self._foreign = True
 
     def _on_shift(self, message: Float64) -> None:
         self._shift.append(float(message.data))
@@ -185,8 +192,8 @@ class Player:
 
     def _send(self, command: Array) -> None:
         self._at = command
+        self._sent.add(tuple(command.tolist()))
         self._session.do(self._session.client.joints.command, command.tolist())
-        self._sent = True
 
     # --- reasons to end -------------------------------------------------------------------------------
 
@@ -204,7 +211,7 @@ class Player:
         if not self.real and state.stands:
             why = state.fault or f"the simulation is {state.simulator}"
             raise ExcitationError(f"the robot stands still: {why}")
-        if self._sent and not state.owns_command:
+        if self._foreign:
             raise ExcitationError(
                 "another node commands the joints (position_controller/commands); a robot that is measured "
                 "must be moved by nobody else"

@@ -25,8 +25,8 @@ from softsim_core import load_scene, rotation_exp
 from softsim_core.identification import load_data_set, load_session
 from softsim_ros.cli import main
 from softsim_ros.excitation.errors import ExcitationError
-from softsim_ros.excitation.measure import _drifts, _rings_from
 from softsim_ros.excitation.readings import times_of
+from softsim_ros.excitation.rows import drifts, rings_from
 from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -224,11 +224,11 @@ def test_sensors_are_named_with_what_they_sit_on() -> None:
 def test_what_still_moves_is_told_from_noise() -> None:
     random, ramp = np.random.default_rng(0), np.linspace(0.0, 1.0, 12)[:, None] * (1.0, 0.0, 0.0)
     settling = np.exp(-3.0 * ramp[:, :1]) * (0.0, 0.5, 0.0)
-    assert _drifts(ramp)
-    assert _drifts(settling)
+    assert drifts(ramp)
+    assert drifts(settling)
     noises = [0.2 * random.standard_normal((30, 3)) for _ in range(200)]
-    assert np.mean([_drifts(each) for each in noises]) < 0.02
-    assert not _drifts(np.zeros((6, 3)))
+    assert np.mean([drifts(each) for each in noises]) < 0.02
+    assert not drifts(np.zeros((6, 3)))
 
 
 def test_a_ringing_counts_from_where_the_joints_stand() -> None:
@@ -237,8 +237,8 @@ def test_a_ringing_counts_from_where_the_joints_stand() -> None:
     noise = 1e-3 * np.random.default_rng(0).standard_normal((300, 3))
     rings = np.exp(-2.0 * times) * np.sin(40.0 * times) * (times > 0.3)
     follows = 5.0 * commands * (1.0, 0.0, 0.0)
-    assert _rings_from(times, commands, follows + noise + rings[:, None]) == pytest.approx(0.9, abs=0.011)
-    assert _rings_from(times, commands, follows + noise) == 0.0  # it only follows
+    assert rings_from(times, commands, follows + noise + rings[:, None]) == pytest.approx(0.9, abs=0.011)
+    assert rings_from(times, commands, follows + noise) == 0.0  # it only follows
 
 
 def test_stamps_of_another_clock_are_not_used() -> None:
