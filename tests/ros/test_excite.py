@@ -56,7 +56,7 @@ def softsim(*words: str) -> Any:
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
-        timeout=300.0,
+        timeout=900.0,
         check=False,
     )
 
