@@ -51,7 +51,8 @@ ELSEWHERE = {
         "reply": (
             *(f"{ACTION}/{name}" for name in ("send_goal", "cancel_goal", "get_result")),
             *(f"~/{name}_{what}" for name in ("get", "set") for what in ("entity_state", "simulation_state")),
-            *(f"~/{name}" for name in ("get_entities", "get_simulator_features")),
+            *(f"~/{name}" for name in ("get_entities", "get_simulator_features", "get_spawnables")),
+            *(f"~/{name}_entity" for name in ("spawn", "delete")),
             *(f"~/{name}_simulation" for name in ("reset", "step")),
         ),
     }.items()

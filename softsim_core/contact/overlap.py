@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 
 from softsim_core.arrays import Array, BoolArray
@@ -15,7 +17,9 @@ _WITHIN = 1.0e-7
 """How deep in [m] behind its triangles a surface is looked for inside another one."""
 
 
-def first_overlap(surfaces: tuple[CollisionSurface, ...], points: Array) -> tuple[int, int] | None:
+def first_overlap(
+    surfaces: tuple[CollisionSurface, ...], points: Array, owners: Container[int] | None = None
+) -> tuple[int, int] | None:
     """Numbers of two surfaces of different bodies that cross, or the first of which lies inside the second.
 
     None where there are none; surfaces that only touch do not overlap. Inside is where all surfaces of a body
@@ -24,15 +28,21 @@ def first_overlap(surfaces: tuple[CollisionSurface, ...], points: Array) -> tupl
     Args:
         surfaces: Surfaces over the vertices.
         points: Vertex positions in [m], shape (v, 3).
+        owners: Bodies, one of which must be in the pair; None: any.
     """
+
+    def asked(a: CollisionSurface, b: CollisionSurface) -> bool:
+        chosen = owners is None or a.owner in owners or b.owner in owners
+        return chosen and a.owner != b.owner and may_meet(a, b)
+
     for i, a in enumerate(surfaces):
         for j, b in enumerate(surfaces[:i]):
-            if a.owner != b.owner and may_meet(a, b) and _cross(a, b, points):
+            if asked(a, b) and _cross(a, b, points):
                 return j, i
     for i, a in enumerate(surfaces):
         probes = _probes(a, points)
         for j, b in enumerate(surfaces):
-            if a.owner == b.owner or b.radius > 0.0 or not may_meet(a, b):
+            if b.radius > 0.0 or not asked(a, b):
                 continue
             shell = np.concatenate([each.triangles for each in surfaces if each.owner == b.owner])
             if _enclosed(probes, points[shell]).any():

@@ -90,6 +90,15 @@ def rotation_euler(angles: Array) -> Array:
     )
 
 
+def euler_of(rotation: Array) -> Array:
+    """Angles (a, b, c) in [rad] of `rotation_euler`, |b| <= pi/2, shape (3,); where b is that, c is 0."""
+    (xx, _, _), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    flat = math.hypot(xx, yx)
+    if flat < 1e-9:  # x and z turn about one line: all of the turn is a
+        return np.array([math.atan2(-yz, yy), math.atan2(-zx, flat), 0.0])
+    return np.array([math.atan2(zy, zz), math.atan2(-zx, flat), math.atan2(yx, xx)])
+
+
 def quaternion_of(rotation: Array) -> Array:
     """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3), by its largest component."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()

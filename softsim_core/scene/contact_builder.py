@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from softsim_core.contact.overlap import TOUCH, first_overlap
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.state import State
 from softsim_core.mesh import SurfaceMesh, embed, read_surface
 from softsim_core.scene.body import Body
 from softsim_core.scene.description import SceneDescription
@@ -83,7 +85,7 @@ def contacts(
         _friction(scene),
         scene.body_names,
     )
-    _check_start(result, model, scene)
+    need_apart(result, model.rest_state(), scene, "at the start")
     return result
 
 
@@ -153,19 +155,38 @@ def _carrier(
     return Carrier(vertices, local, base=scene.joint_names.index(thing.on.removesuffix("_base")))
 
 
-def _check_start(contacts: CollisionModel, model: Model, scene: SceneDescription) -> None:
-    """Refuse a scene whose bodies overlap before the first step."""
-    state = model.rest_state()
-    points = contacts.points(state)
+def need_apart(
+    contacts: CollisionModel,
+    state: State,
+    scene: SceneDescription,
+    when: str,
+    owners: Container[int] | None = None,
+) -> None:
+    """Refuse a state in which bodies overlap.
+
+    Args:
+        contacts: The scene's surfaces.
+        state: Where they are.
+        scene: Its name and alarm distance count.
+        when: For the message, such as "at the start".
+        owners: Numbers of bodies, one of which must overlap; None: any.
+
+    Raises:
+        SceneError: two do.
+    """
+    points, surfaces = contacts.points(state), contacts.surfaces
     near = contacts.near(points, scene.contact.alarm_distance)
-    worst = int(np.argmin(near.distance)) if len(near.distance) else -1
-    if worst >= 0 and near.distance[worst] < -TOUCH:
-        pair, by = near.pair[worst].tolist(), f" by {-1e3 * near.distance[worst]:.2g} mm"
+    distance = near.distance
+    if owners is not None:
+        asked = [any(surfaces[number].owner in owners for number in pair) for pair in near.pair.tolist()]
+        distance = np.where(asked, distance, np.inf)
+    worst = int(np.argmin(distance)) if len(distance) else -1
+    if worst >= 0 and distance[worst] < -TOUCH:
+        pair, by = near.pair[worst].tolist(), f" by {-1e3 * distance[worst]:.2g} mm"
     else:
-        pair, by = first_overlap(contacts.surfaces, points), ""
+        pair, by = first_overlap(surfaces, points, owners), ""
     if pair is not None:
-        a, b = (contacts.surfaces[number].name for number in pair)
+        a, b = (surfaces[number].name for number in pair)
         raise SceneError(
-            f"scene {scene.name}: collision surfaces {a} and {b} overlap{by} at the start; move one of their "
-            "bodies"
+            f"scene {scene.name}: collision surfaces {a} and {b} overlap{by} {when}; move one of their bodies"
         )

@@ -32,7 +32,8 @@ from softsim_core.linalg.solvers import linear_solver
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.limits import check_command
 from softsim_core.mechanics.snapshot import need_rotations, pack, unpack
-from softsim_core.mechanics.state import WARM_START_COLUMNS, State
+from softsim_core.mechanics.state import WARM_START_COLUMNS, State, no_warm_start
+from softsim_core.scene.contact_builder import need_apart
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
@@ -358,6 +359,34 @@ class Simulation(SceneState):
         self._steps = steps
         self._forget_contacts()
 
+    def go_on_from(self, other: Simulation) -> None:
+        """Go on where another simulation is, of a scene that differs in rigid bodies with mass only.
+
+        Those that only this one has stay at their start.
+
+        Raises:
+            SnapshotError: the scenes differ in more.
+            SceneError: one that only this one has overlaps another body there. Nothing is changed.
+        """
+        own, saved = self._saved(), other._saved()
+        shared = [name for name in self.rigid_names if name in other.rigid_names]
+        here, there = ([each.rigid_names.index(name) for name in shared] for each in (self, other))
+        for name in _OF_RIGID_BODIES:
+            rows = own[name].copy()
+            rows[here] = saved[name][there]
+            saved[name] = rows
+        saved["state.warm_start"] = no_warm_start()  # its rows are numbered as the other's surfaces are
+        data = pack(other._fingerprint, saved)
+        before = self.snapshot()
+        self.restore(data)
+        added = [self.scene.body_names.index(name) for name in self.rigid_names if name not in shared]
+        try:
+            if self._contacts is not None:
+                need_apart(self._contacts, self._state, self.scene, "now", added)
+        except SceneError:
+            self.restore(before)
+            raise
+
     def _checked(self, saved: Mapping[str, Array]) -> tuple[list[dict[str, float]], tuple[float, float], int]:
         """Materials, damping per stiffness and per mass, and steps of a snapshot.
 
@@ -468,6 +497,15 @@ class Simulation(SceneState):
         arrays += [group.gradients for group in model.groups if not group.fills]
         kinds = [(group.element.name, group.material.name) for group in model.groups]
         return (self.scene.name, self.joint_names, model.dt, kinds, [array.tobytes() for array in arrays])
+
+
+_OF_RIGID_BODIES = (
+    "state.rigid_positions",
+    "state.rigid_rotations",
+    "state.rigid_velocities",
+    "rigid_forces",
+)
+"""What a snapshot holds with a row for each rigid body with mass."""
 
 
 def _part(saved: Mapping[str, Array], prefix: str) -> dict[str, Array]:

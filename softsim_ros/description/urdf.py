@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import euler_of, rotation_euler
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import JointDescription
 from softsim_core.values import MeshFile
@@ -161,7 +161,7 @@ def _add_mesh(
     position, rotation, scale = np.zeros(3), np.eye(3), 1.0
     if placed is not None:
         position = np.array(placed.placement.translation, dtype=float)
-        rotation = Rotation.from_euler("xyz", placed.placement.rotation_deg, degrees=True).as_matrix()
+        rotation = rotation_euler(np.radians(placed.placement.rotation_deg))
         scale = placed.placement.scale
     geometry = _visual(link, part, colour, position, rotation)
     ElementTree.SubElement(geometry, "mesh", filename=address, scale=_words(np.full(3, scale)))
@@ -197,8 +197,7 @@ def _add_control(root: ElementTree.Element, robot: RobotDescription, topics: Con
 
 
 def _add_origin(element: ElementTree.Element, position: Array, rotation: Array) -> None:
-    angles = Rotation.from_matrix(rotation).as_euler("xyz")
-    ElementTree.SubElement(element, "origin", xyz=_words(position), rpy=_words(angles))
+    ElementTree.SubElement(element, "origin", xyz=_words(position), rpy=_words(euler_of(rotation)))
 
 
 def _words(values: Array) -> str:

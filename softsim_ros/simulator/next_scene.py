@@ -15,6 +15,7 @@ from softsim_core.warmup import cached_kernels
 from softsim_node.ending import ending
 from softsim_ros.simulator.parameters import SimulatorSettings
 from softsim_ros.simulator.scene_files import SceneFiles
+from softsim_ros.simulator.spawning import Spawnings, exchanged
 
 
 class NextScene(NamedTuple):
@@ -24,6 +25,7 @@ class NextScene(NamedTuple):
     scene: RobotDescription
     simulation: Simulation
     overrides: str
+    spawned: Spawnings
 
 
 class Tried(NamedTuple):
@@ -74,7 +76,7 @@ class SceneBuilder:
             SoftSimError: it cannot be loaded or built.
         """
         scene = files.load()
-        return NextScene(files, scene, self.build(scene), files.overrides)
+        return NextScene(files, scene, self.build(scene), files.overrides, files.spawned)
 
     def named(self, name: str, scenes: SceneCatalog) -> NextScene:
         """A known scene by its name.
@@ -92,9 +94,21 @@ class SceneBuilder:
         """
         try:
             scene = files.try_overrides(overrides)
-            return NextScene(files, scene, self.build(scene), overrides)
+            return NextScene(files, scene, self.build(scene), overrides, files.spawned)
         except Exception as error:
             raise SoftSimError(f"overrides refused: {reason(error)}") from error
+
+    def with_spawned(
+        self, files: SceneFiles, change: Callable[[RobotDescription, Spawnings], Spawnings]
+    ) -> NextScene:
+        """The scene that runs, with other bodies spawned; `change` makes them of it and of those before.
+
+        Raises:
+            SoftSimError: it cannot be built with them, or `change` refuses.
+        """
+        spawned = change(files.scene, files.spawned)
+        scene = exchanged(files.scene, files.spawned, spawned)
+        return NextScene(files, scene, self.build(scene), files.overrides, spawned)
 
 
 def reason(error: Exception) -> str:

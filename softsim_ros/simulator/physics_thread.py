@@ -220,17 +220,27 @@ class PhysicsThread:
 
         self.call(go)
 
-    def replace(self, simulation: Simulation, prepare: Callable[[Simulation], None]) -> None:
+    def replace(
+        self, simulation: Simulation, prepare: Callable[[Simulation], None], *, goes_on: bool = False
+    ) -> None:
         """Go on with another simulation, from its start; what stopped the last one is forgotten.
 
         Args:
             simulation: What to run from now on.
             prepare: Called in the thread with it before its first state is shown.
+            goes_on: It has the same joints and goes on where the last one is, commands and all.
+
+        Raises:
+            SoftSimError: it cannot go on from there; nothing is changed.
         """
 
-        def swap(_: Simulation) -> None:
+        def swap(before: Simulation) -> None:
+            if goes_on:
+                simulation.go_on_from(before)
             prepare(simulation)
             self._simulation = simulation
+            if goes_on:
+                return
             self._commanded.forget("another scene was loaded")
             self._meter = SpeedMeter(simulation.dt, time.monotonic())
             self._contacts = self._last_contacts = ContactQuality()

@@ -15,6 +15,7 @@ from softsim_core.scene.catalog import names_up_to
 from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 from softsim_core.values import MeshFile
+from softsim_ros.simulator.spawning import Spawnings, exchanged
 
 Stamps = dict[Path, tuple[int, int] | None]
 
@@ -29,11 +30,14 @@ class SceneFiles:
         scene: As loaded; one that came from no file can be neither watched nor loaded anew.
 
     Attributes:
+        scene: The scene that runs.
         overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
+        spawned: What was put beside it since; it stays when the files are loaded anew.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
-        self.overrides = ""
+        self.scene, self.overrides = robot, ""
+        self.spawned: Spawnings = ()
         self._name, self._source = robot.name, robot.source
         self._files = files_of(robot)
         self._loaded = self._seen = stamps(self._files)
@@ -56,7 +60,7 @@ class SceneFiles:
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
         self._named_files |= named_files(scene)
-        return scene
+        return exchanged(scene, (), self.spawned)
 
     def try_overrides(self, overrides: str) -> RobotDescription:
         """The scene with other overrides, which come from others; only `load` takes them over.
@@ -72,11 +76,12 @@ class SceneFiles:
         scene = load_scene(self._source, values)
         if overrides:
             _refuse_others(sorted(map(str, named_files(scene) - self._named_files)))
-        return scene
+        return exchanged(scene, (), self.spawned)
 
-    def take_over(self, overrides: str, scene: RobotDescription) -> None:
-        """Go on with overrides that `try_overrides` made a scene of."""
-        self.overrides, self._files = overrides, files_of(scene)
+    def take_over(self, scene: RobotDescription, overrides: str, spawned: Spawnings) -> None:
+        """Go on with a scene, what was laid over its files for it, and what was spawned in it."""
+        self.scene, self.overrides, self.spawned = scene, overrides, spawned
+        self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
 
     def _names(self, name: str) -> bool:

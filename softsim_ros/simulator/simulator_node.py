@@ -38,6 +38,7 @@ from softsim_ros.simulator.publications import Publications
 from softsim_ros.simulator.pulls import Pulls, PullSettings
 from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.snapshot_folder import SnapshotFolder
+from softsim_ros.simulator.spawning import Spawner, Spawnings
 from softsim_ros.simulator.stage_statistics import stage_statistics
 from softsim_ros.simulator.standard_services import StandardServices
 from softsim_ros.simulator.tuning import SCENE, TuningParameters
@@ -69,6 +70,7 @@ class Simulator(RobotNode):
         self._scenes = SceneCatalog(self.named, folders_of(first.allow_code))
         if first.overrides:
             robot = self._files.load()
+            self._files.take_over(robot, first.overrides, ())
         self._live = LiveParameters(
             self,
             SimulatorSettings.of(robot, first, self.robot),
@@ -118,7 +120,8 @@ class Simulator(RobotNode):
             self.create_service(Trigger, f"~/{name}", _answering(action))
         self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
-        self._standard = StandardServices(self, self._physics, self._publications.stamp)
+        spawner = Spawner(self._scenes, self._exchange, self._aside.run, lambda: self._files.spawned)
+        self._standard = StandardServices(self, self._physics, self._publications.stamp, spawner)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
@@ -277,12 +280,20 @@ class Simulator(RobotNode):
         except ParameterError:  # what was given at the start fits another material
             self._tuning.declare(following.scene, given=False)
         self._tuning.tune(following.simulation)
+        self._replace(following)
+        self.joint_names = following.simulation.joint_names
+
+    async def _exchange(self, change: Callable[[RobotDescription, Spawnings], Spawnings]) -> None:
+        """Go on with the same scene and other bodies spawned in it, from where it is then."""
+        following = await self._aside.run(lambda: self._builder.with_spawned(self._files, change))
+        self._replace(following, goes_on=True)
+
+    def _replace(self, following: NextScene, *, goes_on: bool = False) -> None:
         laid, known = following.overrides, self._scenes.names()
         show = partial(self._publications.show_scene, overrides=laid, scenes=known)
-        self.physics.replace(following.simulation, show)
+        self.physics.replace(following.simulation, show, goes_on=goes_on)
         self._files = following.files
-        self._files.take_over(laid, following.scene)
-        self.joint_names = following.simulation.joint_names
+        self._files.take_over(following.scene, laid, following.spawned)
 
     # --- parameters -----------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to
 from softsim_core.simulation import Simulation
+from softsim_core.simulation.velocities import checked, rotation_from
 from softsim_node.ending import ending
 from softsim_node.guarded_node import GuardedNode
 from softsim_node.sentences import one_line, sentence_of
@@ -22,16 +23,21 @@ from softsim_ros.aside import Aside
 from softsim_ros.frames import WORLD
 from softsim_ros.optional_messages import optional_module, optional_type
 from softsim_ros.simulator.physics_thread import PhysicsThread
+from softsim_ros.simulator.request_error import RequestError
+from softsim_ros.simulator.spawning import Spawner
 
 FEATURES: Final = {
     "GetSimulatorFeatures": (),
-    "ResetSimulation": ("SIMULATION_RESET",),
+    "ResetSimulation": ("SIMULATION_RESET", "SIMULATION_RESET_SPAWNED"),
     "StepSimulation": ("STEP_SIMULATION_SINGLE", "STEP_SIMULATION_MULTIPLE"),
     "GetSimulationState": ("SIMULATION_STATE_GETTING",),
     "SetSimulationState": ("SIMULATION_STATE_SETTING", "SIMULATION_STATE_PAUSE"),
     "GetEntities": (),
     "GetEntityState": ("ENTITY_STATE_GETTING",),
     "SetEntityState": ("ENTITY_STATE_SETTING",),
+    "GetSpawnables": ("SPAWNABLES",),
+    "SpawnEntity": ("SPAWNING",),
+    "DeleteEntity": ("DELETING",),
 }
 """The services, each with the features that it stands for."""
 
@@ -45,19 +51,6 @@ MOST_REPEATS: Final = 3
 Handler = Callable[[Any, Any], Awaitable[None]]
 
 
-class RequestError(SoftSimError):
-    """A request that is answered with another result than OK.
-
-    Args:
-        kind: Name of the result, such as "NOT_FOUND", or of one of the service's own.
-        sentence: Why.
-    """
-
-    def __init__(self, kind: str, sentence: str) -> None:
-        self.kind = kind
-        super().__init__(sentence)
-
-
 class StandardServices:
     """Answers for one simulation; its entities are the rigid bodies with mass, by their names.
 
@@ -65,12 +58,17 @@ class StandardServices:
         node: Owner of the services, which are named after their types: `~/reset_simulation`, ...
         physics: The thread that owns the simulation.
         stamp: Tells the time of a state, from the physics thread.
+        spawner: Brings and takes entities.
     """
 
     def __init__(
-        self, node: GuardedNode, physics: PhysicsThread, stamp: Callable[[Simulation], Time]
+        self,
+        node: GuardedNode,
+        physics: PhysicsThread,
+        stamp: Callable[[Simulation], Time],
+        spawner: Spawner,
     ) -> None:
-        self._node, self._physics, self._stamp = node, physics, stamp
+        self._node, self._physics, self._stamp, self._spawner = node, physics, stamp, spawner
         self._aside = Aside("steps are being done")
         self._stopped = False
         self._messages = optional_module("simulation_interfaces.msg")
@@ -106,7 +104,8 @@ class StandardServices:
             if sentence:
                 self._node.refuse(sentence)
             if hasattr(response, "result"):
-                response.result.result, response.result.error_message = code, one_line(sentence)
+                response.result.result = code
+                response.result.error_message = one_line(sentence or response.result.error_message)
             return response
 
         return answer
@@ -122,9 +121,12 @@ class StandardServices:
     async def _reset_simulation(self, request: Any, _: Any) -> None:
         scope = request.scope or request.SCOPE_ALL
         both = request.SCOPE_TIME | request.SCOPE_STATE
-        if scope & both != both:
+        if scope & both not in (0, both):
             raise RequestError("FEATURE_UNSUPPORTED", "time and state are reset together; ask for SCOPE_ALL")
-        self._physics.reset()
+        if scope & request.SCOPE_SPAWNED:
+            await self._spawner.clear()
+        if scope & both:
+            self._physics.reset()
 
     async def _step_simulation(self, request: Any, _: Any) -> None:
         if request.steps > MOST_STEPS:
@@ -226,6 +228,50 @@ class StandardServices:
             simulation.set_body_velocity(request.entity, values[3:6], values[6:])
 
         self._physics.call(write)
+
+    # --- what comes and goes --------------------------------------------------------------------------
+
+    async def _get_spawnables(self, request: Any, response: Any) -> None:
+        assert self._messages is not None
+        for uri, body in (await self._spawner.known()).items():
+            entry = self._messages.Spawnable(description=f"rigid body of {1e3 * (body.mass or 0.0):g} g")
+            _resource(entry).uri = uri
+            response.spawnables.append(entry)
+        if request.sources:
+            names = names_up_to(MOST_NAMES, request.sources)
+            response.result.error_message = f"unknown sources {names} were left out"
+
+    async def _spawn_entity(self, request: Any, response: Any) -> None:
+        resource, pose = _resource(request), request.initial_pose.pose
+        if request.entity_namespace:
+            raise RequestError(
+                "NAMESPACE_INVALID", "entities have no interfaces of their own; leave entity_namespace empty"
+            )
+        if not resource.uri:
+            kind = "UNSUPPORTED_FORMAT" if resource.resource_string else "NO_RESOURCE"
+            raise RequestError(kind, "only a uri that get_spawnables lists can be spawned; give one")
+        place, turn = pose.position, pose.orientation
+        frame = request.initial_pose.header.frame_id
+        if frame not in ("", WORLD):
+            raise RequestError(
+                "INVALID_POSE", f"frame {names_up_to(1, [frame])} refused; give the pose in {WORLD}"
+            )
+        try:
+            position = checked("position", (place.x, place.y, place.z), (3,), "m")
+            rotation = rotation_from((turn.x, turn.y, turn.z, turn.w))
+        except CommandError as error:
+            raise RequestError("INVALID_POSE", str(error)) from error
+        response.entity_name = await self._spawner.spawn(
+            resource.uri, request.name, request.allow_renaming, position, rotation
+        )
+
+    async def _delete_entity(self, request: Any, _: Any) -> None:
+        await self._spawner.delete(request.entity)
+
+
+def _resource(message: Any) -> Any:
+    """What holds `uri` and `resource_string`: the message itself, or its field since release 2."""
+    return getattr(message, "entity_resource", message)
 
 
 def _number(simulation: Simulation, name: str) -> int:

@@ -29,9 +29,10 @@ from node_processes import (
 )
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from tcp_ports import free_port
+
+from servo_bridge.state_topics import STATE_QOS
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -50,9 +51,6 @@ NODES = {
     "recorder": ("softsim_ros.recording.recorder_node", {"robot": "tripod"}),
     "viewer": ("softsim_ros.viewer.viewer_node", {}),
 }
-LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Heard by those who want only what is latched, and by all others."""
-
 MOST_WAITING = 40
 """Requests that are asked before the answers are waited for."""
 
@@ -174,10 +172,14 @@ class Fire:
             self.topics = interfaces(graph.get_subscriber_names_and_types_by_node, found)
             self.services = interfaces(graph.get_service_names_and_types_by_node, found)
         self._publishers = {
-            name: graph.create_publisher(loaded(kind), name, LATCHED) for name, kind in self.topics
-        }
+            name: graph.create_publisher(loaded(kind), name, STATE_QOS) for name, kind in self.topics
+        }  # which all hear: those who want what is latched, or a sign of life, and those who want neither
         self._clients = {name: graph.create_client(loaded(kind), name) for name, kind in self.services}
         self.parameters = {name: self._declared(name) for name, kind in self.services if "/Set" in kind}
+
+    def unheard(self) -> list[str]:
+        """Topics that nobody takes our messages on."""
+        return [name for name, each in self._publishers.items() if not each.get_subscription_count()]
 
     def _declared(self, service: str) -> list[str]:
         owner = service.rsplit("/", 1)[0]
@@ -272,6 +274,7 @@ def test_every_node_lives_and_touches_no_foreign_file(
     fire = Fire(client, Mutations(count, [*TEXTS, *bait.texts]), processes)
     assert len(fire.topics) >= 20
     assert len(fire.services) >= 7 * len(processes)
+    assert spin_until(lambda: not fire.unheard()), fire.unheard()
     offered = {kind.partition("/")[0] for _, kind in fire.services}
     assert offered >= {name for name in OPTIONAL if not why_missing(name)}
     before = {process: len(lines) for process, lines in opened(audit).items()}

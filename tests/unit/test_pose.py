@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from softsim_core.mechanics.pose import (
     cross_matrix,
+    euler_of,
     quaternion_of,
     rotation_euler,
     rotation_exp,
@@ -65,6 +66,22 @@ def test_euler_angles_turn_about_fixed_x_then_y_then_z() -> None:
     np.testing.assert_allclose(
         rotation_euler(np.array([0.0, 0.0, quarter])) @ [1, 0, 0], [0, 1, 0], atol=1e-15
     )
+
+
+@pytest.mark.parametrize("vector", VECTORS)
+def test_euler_angles_of_a_rotation_make_it_again(vector: np.ndarray) -> None:
+    rotation = rotation_exp(vector)
+    angles = euler_of(rotation)
+    np.testing.assert_allclose(rotation_euler(angles), rotation, atol=1e-14)
+    assert abs(angles[1]) <= 0.5 * np.pi
+
+
+@pytest.mark.parametrize("b", [-0.5 * np.pi, 0.5 * np.pi])
+def test_euler_angles_where_two_axes_are_one(b: float) -> None:
+    rotation = rotation_euler(np.array([0.4, b, -1.3]))
+    angles = euler_of(rotation)
+    assert angles[2] == 0.0
+    np.testing.assert_allclose(rotation_euler(angles), rotation, atol=1e-9)
 
 
 def test_cross_matrix_is_the_cross_product() -> None:
