@@ -41,6 +41,9 @@ class EmulatedBoardPty(PtyBoard):
         line: What the line makes of bytes, either way: noise, for tests; None leaves them as they are.
         log_length: Pulses kept in `pulses`; older ones are forgotten.
 
+    Attributes:
+        reset_wired: Whether opening the port resets the processor; False: its wire is cut, too.
+
     Raises:
         EmulatorMissingError: libsimavr is not installed.
         EmulatorError: an image cannot be read or does not fit.
@@ -59,6 +62,7 @@ class EmulatedBoardPty(PtyBoard):
         super().__init__(link)
         self._board = EmulatedBoard(hex_path, bootloader, log_length, baud_rate)
         self._line = line or bytes
+        self.reset_wired = True
         self._running = True
         self._failure = ""
         self.replug()
@@ -142,7 +146,7 @@ class EmulatedBoardPty(PtyBoard):
     def _look_at_line(self, opened: bool) -> None:
         if opened and not self._opened:
             self._open_count += 1
-            if self._running:
+            if self._running and self.reset_wired:
                 self._board.reset()
                 self._board.take_transmitted()
         self._opened = opened
