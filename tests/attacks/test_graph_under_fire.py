@@ -85,6 +85,7 @@ class Bait:
 
 TEXTS = (
     *("", " ", "tripod", "servo_0", "servo_1", "servo_2", "silicone", "world", "circle", "high", "start"),
+    *("objects/ball", "objects/can", "ball", "can_1"),
     *(
         "a" * 20_000,
         "\x1b[2Jx",

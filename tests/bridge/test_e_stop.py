@@ -137,3 +137,22 @@ def test_its_clearing_moves_nothing_before_the_next_command(
     stopped = board.packets[-1].servo_bytes
     publisher.publish(Float64MultiArray(data=[-0.5] * 3))
     assert board.wait_for(lambda b: b.servo_bytes != stopped)
+
+
+def test_its_packet_does_not_wait_for_the_beat(
+    start_bridge: Starter, client: Any, board: VirtualBoard
+) -> None:
+    period = 0.1
+    start_bridge(autostart="activate", rate=1.0 / period)
+    assert board.wait_for(lambda b: len(b.packets) > 3)
+    client.service(Trigger, "servo_bridge/e_stop")  # found before it is timed
+    gaps = []
+    for _ in range(6):
+        read = len(board.packets)
+        assert board.wait_for(lambda b: len(b.packets) > read)  # noqa: B023
+        assert client.trigger("servo_bridge/e_stop").success
+        assert board.wait_for(lambda b: len(b.packets) > read + 1)  # noqa: B023
+        before, after = board.packets[read : read + 2]
+        gaps.append(after.time_s - before.time_s)
+        assert client.trigger("servo_bridge/clear_e_stop").success
+    assert min(gaps) < 0.6 * period
