@@ -77,26 +77,36 @@ class Misfit:
         if self._last is not None and np.array_equal(self._last[0], values):
             self.means = self._last[2]
             return self._last[1]
-        self.latest = self.replayed(values)
+        near = [dict(each) for each in self._near]
+        self.latest = self.replayed(values, near)
         total = self.errors(self.latest, values)
         self._last = values.copy(), total, self.means
         self.count += 1
         mean = float(np.mean(list(self.means.values())))
         if mean < self.best:
             self.best, self.best_values, self.best_means = mean, values.copy(), dict(self.means)
+            self._near = near
         if self._progress is not None:
             self._progress(self.count, mean, values)
         return total
 
-    def replayed(self, values: Array) -> list[Prediction]:
+    def replayed(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
         """What the model does in each session with values (p,).
+
+        Rows begin where those of the best values are, so that what is found does not depend on what was
+        tried before.
+
+        Args:
+            values: Of the parameters.
+            near: Of each session, takes over the equilibria; None: they are forgotten.
 
         Raises:
             KeyboardInterrupt: it was interrupted.
         """
         done = []
-        for k, (session, near) in enumerate(zip(self.sessions, self._near, strict=True)):
-            done.append(replay(self.robot(k, values), session, near=near))
+        known = [dict(each) for each in self._near] if near is None else near
+        for k, (session, equilibria) in enumerate(zip(self.sessions, known, strict=True)):
+            done.append(replay(self.robot(k, values), session, near=equilibria))
             if done[-1].stopped:
                 raise KeyboardInterrupt
         return done

@@ -232,22 +232,17 @@ class Model:
 
     def place_regions(self, state: State) -> None:
         """Move the nodes of all regions, and their velocities, to where frames and joints say."""
-        motion_subspace = self.motion_subspace(state)
+        moving = bool(state.reduced_velocities.any())
+        motion_subspace = self.motion_subspace(state) if moving else None
         for region in self.regions:
             origin, rotation = self.region_frame(region, state)
             points = origin + region.local @ rotation.T
             state.positions[region.nodes] = points
-            state.velocities[region.nodes] = sum(
-                (
-                    (
-                        np.cross(motion_subspace.angular[k], points - motion_subspace.origin[k])
-                        + motion_subspace.linear[k]
-                    )
-                    * state.reduced_velocities[k]
-                    for k in region.reduced
-                ),
-                np.zeros_like(points),
-            )
+            state.velocities[region.nodes] = 0.0
+            if motion_subspace is not None:
+                for k in region.reduced.tolist():
+                    motion = motion_subspace.jacobian(k, points)
+                    state.velocities[region.nodes] += motion * state.reduced_velocities[k]
 
     def motion_subspace(self, state: State) -> MotionSubspace:
         """The motion of every reduced coordinate at a state."""

@@ -84,7 +84,7 @@ def sentences(result: Calibration) -> list[str]:
         told = f"{name:<{width}}  {result.values[k]:>10.4g} {found:<11} {result.units[k]:<12}"
         lines.append(f"{told} began at {starts[k]:g}{_verdict(result, k)}")
     if len(result.endings) > 1:
-        lines.append(_told_of_endings(result))
+        lines.append(told_of_endings(result))
     lines += [
         f"{one} and {other} are told together only: correlation {value:+.2f}"
         for one, other, value in together(result)
@@ -97,7 +97,7 @@ def sentences(result: Calibration) -> list[str]:
     return lines
 
 
-def _told_of_endings(result: Calibration) -> str:
+def told_of_endings(result: Calibration) -> str:
     """Whether searches from several starts ended alike."""
     others = result.other_endings
     alike = f"{len(result.endings) - len(others)} of {len(result.endings)} searches ended here"
