@@ -51,10 +51,10 @@ def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
     values = [np.ones(3 * len(free))]
     motion_subspace = model.motion_subspace(state)
     for region in model.regions:
-        for k in region.reduced:
-            rows.append((3 * region.nodes[:, None] + np.arange(3)).ravel())
-            columns.append(np.full(3 * len(region.nodes), unknowns.first_reduced + k))
-            values.append(motion_subspace.jacobian(int(k), state.positions[region.nodes]).ravel())
+        shape = (len(region.nodes), len(region.reduced), 3)
+        rows.append(np.broadcast_to(3 * region.nodes[:, None, None] + np.arange(3), shape).ravel())
+        columns.append(np.broadcast_to(unknowns.first_reduced + region.reduced[:, None], shape).ravel())
+        values.append(motion_subspace.jacobians(region.reduced, state.positions[region.nodes]).ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sp.csr_matrix(entries, shape=(3 * len(model.rest), unknowns.size))
 

@@ -23,6 +23,9 @@ Order: TypeAlias = Literal["nearest", "rows"]
 PARTS: Final = (1, 8)
 """A row that is not found from the one before is tried from the start pose: at once, then in many parts."""
 
+CLOSE: Final = 1e-7
+"""Rows are at rest where the last of Newton's steps moved nothing by more, in [m]."""
+
 SAME: Final = 1e-9
 """Times that differ by less, in [s], are one: a command acts in the step that begins when it was given."""
 
@@ -188,9 +191,7 @@ class _Walk:
 
     def _settled(self, joints: Array, start: State | None = None) -> State | None:
         try:
-            if start is None:
-                return self._simulation.settle(joints, self._shift).state
-            return self._simulation.settle(joints, self._shift, start=start).state
+            return self._simulation.settle(joints, self._shift, start=start, tolerance=CLOSE).state
         except NotConvergedError:
             return None
 

@@ -292,6 +292,12 @@ class MotionSubspace:
     linear: Array
     origin: Array
 
+    def jacobians(self, chosen: IndexArray, points: Array) -> Array:
+        """Velocities of `points` (p, 3) a unit velocity of each of reduced coordinates (k,), shape (p, k, 3)."""
+        levers = points[:, None] - self.origin[chosen]
+        turned = np.swapaxes([cross_matrix(each) for each in self.angular[chosen]], 1, 2)
+        return np.asarray(np.einsum("pki,kij->pkj", levers, turned) + self.linear[chosen])
+
     def jacobian(self, k: int, points: Array) -> Array:
         """Velocity of `points` (p, 3) a unit velocity of reduced coordinate k, shape (p, 3)."""
         return np.asarray((points - self.origin[k]) @ cross_matrix(self.angular[k]).T + self.linear[k])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -194,11 +195,11 @@ def test_a_row_is_tried_from_the_start_pose_and_by_parts(
     lost, tries, settle = tripod_poses().joints[6], [], Simulation.settle
     robot = load_scene("tripod")
 
-    def settled(simulation: Simulation, joints: Array, shift: float) -> object:
+    def settled(simulation: Simulation, joints: Array, shift: float, **named: Any) -> object:
         if np.allclose(joints, lost) and len(tries) < fails:
             tries.append(simulation.joint_positions)
             raise NotConvergedError("it is said so", 1.0, 1, 1.0)
-        return settle(simulation, joints, shift)
+        return settle(simulation, joints, shift, **named)
 
     monkeypatch.setattr(Simulation, "settle", settled)
     found = replay(robot, session, "rows")
@@ -275,11 +276,11 @@ def test_an_interrupt_ends_the_command_with_what_is_done(
     folder = write_bench(tmp_path, text=first + second)
     settle, done = Simulation.settle, []
 
-    def settled(simulation: Simulation, joints: Array, shift: float) -> object:
+    def settled(simulation: Simulation, joints: Array, shift: float, **named: Any) -> object:
         done.append(joints)
         if len(done) == calls:
             raise KeyboardInterrupt
-        return settle(simulation, joints, shift)
+        return settle(simulation, joints, shift, **named)
 
     monkeypatch.setattr(Simulation, "settle", settled)
     assert main(["validate", str(folder), "--every", "12", "--json"]) == 130
