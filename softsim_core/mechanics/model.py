@@ -293,7 +293,7 @@ class MotionSubspace:
     origin: Array
 
     def jacobians(self, chosen: IndexArray, points: Array) -> Array:
-        """Velocities of `points` (p, 3) a unit velocity of each of reduced coordinates (k,), shape (p, k, 3)."""
+        """Velocities of `points` (p, 3) a unit velocity of each of some coordinates (k,), shape (p, k, 3)."""
         levers = points[:, None] - self.origin[chosen]
         turned = np.swapaxes([cross_matrix(each) for each in self.angular[chosen]], 1, 2)
         return np.asarray(np.einsum("pki,kij->pkj", levers, turned) + self.linear[chosen])
