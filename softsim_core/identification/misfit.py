@@ -66,6 +66,7 @@ class Misfit:
         self._near: list[Near] = [{} for _ in sessions]
         self._last: tuple[Array, Array, dict[str, float]] | None = None
         self._largest: float | None = None
+        self._kept = np.zeros(0)
 
     @property
     def rows(self) -> dict[str, int]:
@@ -73,7 +74,7 @@ class Misfit:
         return {each.name: int(each.fitting.sum()) for each in self.sessions}
 
     def __call__(self, values: Array) -> Array:
-        """All errors of a replay with values (p,), shape (n,); zero in rows that have no equilibrium."""
+        """All errors of a replay with values (p,), shape (n,); of rows that it loses those of the best."""
         if self._last is not None and np.array_equal(self._last[0], values):
             self.means = self._last[2]
             return self._last[1]
@@ -85,7 +86,7 @@ class Misfit:
         mean = float(np.mean(list(self.means.values())))
         if mean < self.best:
             self.best, self.best_values, self.best_means = mean, values.copy(), dict(self.means)
-            self._near = near
+            self._near, self._kept = near, total
         if self._progress is not None:
             self._progress(self.count, mean, values)
         return total
@@ -130,8 +131,10 @@ class Misfit:
             if known.sum() < (1.0 - LOST) * rows.sum():
                 return self._lost(session, int(known.sum()), values, chosen)
             means[session.name] = mean_error(result, known)
-            errors.append(np.where(known[:, None, None], result.aligned, 0.0)[rows].ravel())
+            errors.append(np.where(known[:, None, None], result.aligned, np.nan)[rows].ravel())
         self.means, total = means, np.concatenate(errors)
+        lost = np.isnan(total)
+        total[lost] = self._kept[lost] if len(self._kept) == len(total) else 0.0
         self._largest = float(np.abs(total).max())
         return total
 

@@ -69,8 +69,8 @@ class Prediction:
         return positions, self.rotations[np.where(part[:, 0, 0] < 0.5, right - 1, right)], reached
 
 
-Near: TypeAlias = dict[tuple[float, ...], State]
-"""Equilibria by the command of the joints, of a model that differs little."""
+Near: TypeAlias = dict[tuple[float, ...], tuple[State, Array]]
+"""Equilibria of a model that differs little, and its joints' rest positions (j,), by the joints' command."""
 
 
 def replay(
@@ -148,7 +148,7 @@ def equilibria(
         for done, k in enumerate(sequence.tolist(), start=1):
             command = tuple(different[k].tolist())
             if (found := walk.to(different[k], near.get(command))) is not None:
-                near[command] = found
+                near[command] = found, walk.rest
                 positions[k], rotations[k] = places.seen(simulation)
             if progress is not None:
                 progress(done, len(different))
@@ -168,14 +168,20 @@ class _Walk:
 
     def __init__(self, simulation: Simulation, start: Array, shift: float) -> None:
         self._simulation, self._start, self._shift = simulation, start, shift
+        joints = simulation.model.joints
+        self.rest = np.array([joint.rest for joint in joints])
+        self._moving = np.array([joint.moves_frame for joint in joints], dtype=np.bool_)
         self._settled(start)
         self._home = simulation.snapshot()
 
-    def to(self, joints: Array, near: State | None) -> State | None:
-        """The equilibrium of joints (j,), from one that is near or from the last; None: nothing has moved."""
-        if near is not None and (found := self._settled(joints, near)) is not None:
+    def to(self, joints: Array, near: tuple[State, Array] | None) -> State | None:
+        """The equilibrium of joints (j,), from one that is near or from the last; None: nothing has moved.
+
+        What is not found from one of a model that differs little is soon given up: it differs too much.
+        """
+        if near is not None and (found := self._settled(joints, self._here(*near))) is not None:
             return found
-        if (found := self._settled(joints)) is not None:
+        if (found := self._settled(joints)) is not None or near is not None:
             return found
         before = self._simulation.snapshot()
         for parts in PARTS:
@@ -188,6 +194,13 @@ class _Walk:
                 return found
         self._simulation.restore(before)
         return None
+
+    def _here(self, state: State, rest: Array) -> State:
+        """A state of the other model with what its joints carry in the same place, wherever zero is here."""
+        here = self._simulation.model.empty_state()
+        here.copy_from(state)
+        here.joint_positions[self._moving] += (self.rest - rest)[self._moving]
+        return here
 
     def _settled(self, joints: Array, start: State | None = None) -> State | None:
         try:
