@@ -134,3 +134,36 @@ def test_emio_with_frame_and_sensor_point_is_within_its_limits_in_every_session(
         "sphere8_tetra_camera": 1.85,
     }
     assert means == pytest.approx(known, abs=0.05)
+
+
+@pytest.mark.reference
+@pytest.mark.slow
+def test_emio_stands_where_it_was_measured(reference_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Mean errors in [mm] of each fifth row; of all rows docs/validate.md has them."""
+    folder = str(reference_dir / FOLDERS["emio"])
+    asked = ["--robot", "emio_measured", "--every", "5", "--json", "--data", folder]
+    assert main(["validate", "emio", *asked]) == 0
+    told = json.loads(capsys.readouterr().out)["sessions"]
+    means = {name: each["aligned"]["mean_mm"] for name, each in told.items() if "aligned" in each}
+    most = dict.fromkeys(means, 1.2)  # 31 rows each
+    most |= {"cube_polhemus": 1.35, "sphere_polhemus": 1.05}
+    assert len(means) == 5
+    assert all(mean < most[name] for name, mean in means.items()), means
+
+
+@pytest.mark.reference
+@pytest.mark.numba
+@pytest.mark.slow
+def test_one_command_finds_what_the_beam_is_made_of(
+    reference_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the published modulus and too little damping; docs/calibrate.md says what stays wrong."""
+    folder, out = str(reference_dir / FOLDERS["silicone_beam"]), str(tmp_path / "found.yaml")
+    assert main(["calibrate", "silicone_beam", "--json", "--data", folder, "--out", out]) == 0
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["parameters"]}
+    assert all(each["found"] and not each["at_bound"] for each in found.values())
+    assert found["young"]["value"] == pytest.approx(302.0, rel=0.02)
+    assert main(["validate", "silicone_beam", "--robot", out, "--json", "--data", folder]) == 0
+    told = json.loads(capsys.readouterr().out)["sessions"]
+    assert told["gravity"]["aligned"]["rms_mm"] < 0.55
+    assert told["load52"]["aligned"]["rms_mm"] < 1.0
