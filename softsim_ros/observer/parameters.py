@@ -32,7 +32,7 @@ class ObserverParameters(RobotSettings):
     marker_topic: str = parameter("markers", "Measured places of markers, in their order", fixed=True)
     imu_topic: str = parameter("imu", "Measured tilt of the effector; empty: none", fixed=True)
     marker_places: str = parameter(
-        "", "Where the markers sit on the robot at rest, in m: x y z; x y z; ...", fixed=True
+        "", "Where the markers sit on the robot at rest, as x y z; x y z and so on", unit="m", fixed=True
     )
     position_noise: float = parameter(
         1e-4, "Noise of measured places along an axis", unit="m", within=(1e-6, 0.1), fixed=True
