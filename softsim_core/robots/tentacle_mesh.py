@@ -29,7 +29,7 @@ SECTIONS = np.concatenate([
     np.linspace(0.0, 0.1291, 6), np.linspace(0.1291, 0.2195, 5)[1:], np.linspace(0.2195, 0.28, 4)[1:],
     [0.2925, TAPER, 0.32, 0.34, LENGTH],
 ])  # fmt: skip
-"""Where sections between cells are, in [m] from the base; markers were at 0.1291, 0.2195, 0.28 and the tip."""
+"""Where sections between cells are, in [m] from the base; markers were at three of them, and the tip."""
 
 
 def tentacle(name: str = "tentacle") -> TetMesh:

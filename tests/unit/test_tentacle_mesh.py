@@ -24,9 +24,7 @@ def test_its_sections_are_round_and_its_volume_that_of_two_cones() -> None:
     mesh = tentacle()
     report = check_tets(mesh)
     r0, r1, r2 = 0.01541, 0.00642, 0.0048
-    cones = sum(
-        np.pi / 3.0 * h * (a * a + a * b + b * b) for h, a, b in ((0.305, r0, r1), (0.055, r1, r2))
-    )
+    cones = sum(np.pi / 3.0 * h * (a * a + a * b + b * b) for h, a, b in ((0.305, r0, r1), (0.055, r1, r2)))
     assert report.warnings == ()
     assert report.volume == pytest.approx(cones, rel=0.05)  # the middles of edges are on the circles
     assert report.volume < cones
