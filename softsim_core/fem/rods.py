@@ -7,17 +7,17 @@ at three even angles, and the radii of gyration i_1, i_2 of the section, nodes o
 have its mass, its centre and all its moments of inertia.
 
 A cell has three sections, and r, d_1, d_2 are quadratic in the length s of the unstrained rod. With a dash
-for the derivative by s, its strains are
+for the derivative by s, and :math:`\lambda = |r'|`, its strains are
 
-.. math:: \varepsilon = \tfrac12 (r' \cdot r' - 1), \quad \gamma_i = r' \cdot d_i, \quad
-    \kappa_i = r' \cdot d_i', \quad \tau = \tfrac12 (d_1' \cdot d_2 - d_1 \cdot d_2')
+.. math:: \varepsilon = \lambda - 1, \quad \gamma_i = r' \cdot d_i, \quad
+    \kappa_i = r' \cdot d_i' / \lambda, \quad \tau = \tfrac12 (d_1' \cdot d_2 - d_1 \cdot d_2')
 
 taken at two Gauss points, so neither shear nor stretch locks; a fibre at (a, b) of the section is stretched
 by :math:`\varepsilon + a \kappa_1 + b \kappa_2`. The directors are held to length one and a right angle, at
-the sections, by what stretches these: :math:`\tfrac12 (d_i \cdot d_i - 1)` and :math:`d_1 \cdot d_2`. What
-bends a rod changes its length and its sections too, by the square of a fibre's strain. All strains are
-quadratic in the places of the nodes, and turning changes none of them; step, statics and contact take a rod
-as any other body.
+the sections, by what stretches these: :math:`\tfrac12 (d_i \cdot d_i - 1)` and :math:`d_1 \cdot d_2`; what
+bends a rod changes its sections, too, by the square of a fibre's strain. All are functions of products of two
+of these vectors, which are quadratic in the places of the nodes, and turning changes none of them; step,
+statics and contact take a rod as any other body.
 
 Sources: Simo 1985, A finite strain beam formulation; Romero and Armero 2002, An objective finite element
 approximation of the kinematics of geometrically exact rods; Betsch and Steinmann 2002, Frame-indifferent beam
@@ -34,7 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -61,7 +61,7 @@ _R, _D1, _D2, _B1, _B2 = range(5)
 
 
 def _forms(*entries: tuple[int, int, int, float], strains: int, vectors: int) -> Array:
-    """Matrices Q with strain_k = v^T Q_k v / 2 up to a constant, shape (strains, vectors, vectors)."""
+    """Matrices Q of products v^T Q_k v / 2, shape (strains, vectors, vectors)."""
     forms = np.zeros((strains, vectors, vectors))
     for k, f, g, value in entries:
         forms[k, f, g] = forms[k, g, f] = value
@@ -81,8 +81,14 @@ LINE_FORMS: Final = _forms(
 )
 SECTION_FORMS: Final = _forms((0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 0, 1, 1.0), strains=3, vectors=2)
 
-STRAIGHT: Final = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""v^T Q_k v / 2 of a straight rod without strain."""
+STRAIGHT: Final = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""Strains of a straight rod, before those that it has without load are taken away."""
+
+SHORTEST: Final = 0.05
+"""|r'| below which a rod is no longer told from a shorter one: it has been crushed."""
+
+BENDING: Final = (3, 4)
+"""Which of the strains along a rod are bending."""
 
 _STIFF_SECTION = np.array([0.5, 0.5, 0.0])
 
@@ -114,16 +120,29 @@ ROD: Final = ElementData(
 """Three nodes for each of three sections; F on the centre line has the columns d_1, d_2 and r'."""
 
 
+class Strains(NamedTuple):
+    """Strains at points.
+
+    Attributes:
+        values: Shape (m, q, k).
+        slopes: Their derivatives by the products, shape (m, q, k, k).
+    """
+
+    values: Array
+    slopes: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StrainPoints:
     """Where a cell strains: the same number of points in each.
 
     Attributes:
         maps: From the nodes of a cell to its vectors, shape (m, q, f, a).
-        forms: Strains of the vectors, shape (k, f, f); see `LINE_FORMS`.
-        natural: v^T Q v / 2 without strain, shape (m, q, k).
+        forms: Products of the vectors, shape (k, f, f); see `LINE_FORMS`.
+        natural: Strains without load, shape (m, q, k).
         lengths: What the energy is integrated over, in [m], shape (m, q).
         stiffness: Of strains, over the values of the law that `scales` names, shape (m, q, k, k).
+        along: Whether the strains are those along a rod; else they are the products themselves.
     """
 
     maps: Array
@@ -131,10 +150,13 @@ class StrainPoints:
     natural: Array
     lengths: Array
     stiffness: Array
+    along: bool
 
     def part(self, chosen: IndexArray) -> StrainPoints:
         """Of the chosen cells (k,) alone."""
-        each = {name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")}
+        each: dict[str, Any] = {
+            name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")
+        }
         return replace(self, **each)
 
     def ordered(self, inside: IndexArray) -> StrainPoints:
@@ -145,22 +167,54 @@ class StrainPoints:
     def joined(parts: Sequence[StrainPoints]) -> StrainPoints:
         """Those of all cells of several; their strains are of one kind."""
         names = ("maps", "natural", "lengths", "stiffness")
-        each = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        each: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
         return replace(parts[0], **each)
 
     def vectors(self, nodal: Array, cells: IndexArray) -> Array:
         """The vectors of nodal values (n, 3), shape (m, q, f, 3)."""
         return np.asarray(self.maps @ nodal[cells][:, None])
 
-    def strain(self, vectors: Array) -> Array:
-        """Strains of vectors (m, q, f, 3), shape (m, q, k)."""
-        squares = np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors)
-        return np.asarray(0.5 * squares - self.natural)
+    def products(self, vectors: Array) -> Array:
+        """v^T Q_k v / 2 of vectors (m, q, f, 3), shape (m, q, k)."""
+        return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors))
+
+    def strains(self, products: Array) -> Strains:
+        """Of products (m, q, k)."""
+        count = products.shape[-1]
+        slopes = np.broadcast_to(np.eye(count), (*products.shape, count))
+        if not self.along:
+            return Strains(products - self.natural, slopes)
+        values, slopes, by_length = products.copy(), slopes.copy(), 1.0 / _stretched(products)
+        values[..., 0] = 1.0 / by_length
+        slopes[..., 0, 0] = by_length
+        for k in BENDING:
+            values[..., k] *= by_length
+            slopes[..., k, k] = by_length
+            slopes[..., k, 0] = -products[..., k] * by_length**3
+        return Strains(values - self.natural, slopes)
+
+    def bent(self, products: Array, resultants: Array) -> Array:
+        """Second derivatives of the strains by products (m, q, k), times resultants, (m, q, k, k)."""
+        result = np.zeros((*products.shape, products.shape[-1]))
+        if self.along:
+            by_length = 1.0 / _stretched(products)
+            result[..., 0, 0] = -resultants[..., 0] * by_length**3
+            for k in BENDING:
+                result[..., 0, 0] += 3.0 * resultants[..., k] * products[..., k] * by_length**5
+                result[..., 0, k] = result[..., k, 0] = -resultants[..., k] * by_length**3
+        return result
 
     def slopes(self, vectors: Array) -> Array:
-        """Derivatives of the strains by the nodes, shape (m, q, k, a, 3)."""
+        """Derivatives of the products by the nodes, shape (m, q, k, a, 3)."""
         by_vectors = np.einsum("kfg,mqgi->mqkfi", self.forms, vectors)
         return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
+
+
+def _stretched(products: Array) -> Array:
+    """|r'| of products (m, q, 6), shape (m, q)."""
+    return np.maximum(np.sqrt(2.0 * products[..., 0]), SHORTEST)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -256,8 +310,10 @@ def rod_group(
     for cell in np.flatnonzero(sections.own).tolist():
         line_maps[cell] = _clamp_maps(of_cells[cell], float(half[cell, 0]), at_start=cell == 0)
     drawn = line_maps @ mesh.points[mesh.cells][:, None]
-    natural = 0.5 * np.einsum("mqfi,kfg,mqgi->mqk", drawn, LINE_FORMS, drawn)
-    natural = np.where(sections.straight[:, None, None], STRAIGHT, natural)
+    nothing = np.zeros((count, 2, len(LINE_FORMS)))
+    line = StrainPoints(line_maps, LINE_FORMS, nothing, np.repeat(half, 2, axis=1), sections.line, along=True)
+    as_drawn = line.strains(line.products(drawn)).values
+    natural = np.where(sections.straight[:, None, None], STRAIGHT, as_drawn)
     natural[..., 3:] += sections.curvature[:, None]
     shares = np.multiply.outer(sections.lengths, _SHARES)
     numbers = np.arange(count)
@@ -270,9 +326,14 @@ def rod_group(
         body=np.full(count, body),
         numbers=numbers + first_number,
         parameter_set=np.full(count, body),
-        line=StrainPoints(line_maps, LINE_FORMS, natural, np.repeat(half, 2, axis=1), sections.line),
+        line=replace(line, natural=natural),
         sections=StrainPoints(
-            across, SECTION_FORMS, np.broadcast_to(_STIFF_SECTION, (count, 3, 3)), shares, sections.across
+            across,
+            SECTION_FORMS,
+            np.broadcast_to(_STIFF_SECTION, (count, 3, 3)),
+            shares,
+            sections.across,
+            along=False,
         ),
         own=sections.own,
         reach=sections.reach,
@@ -319,7 +380,7 @@ def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
     """See fem.assembly.cell_energy."""
     total = np.zeros(len(group.cells))
     for points, stiffness in group.families(p):
-        strain = points.strain(points.vectors(positions, group.cells))
+        strain, _ = points.strains(points.products(points.vectors(positions, group.cells)))
         total += 0.5 * np.einsum(
             "mq,mqk,mqkl,mql->m", points.lengths, strain, stiffness, strain, optimize=True
         )
@@ -331,8 +392,10 @@ def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
     total = np.zeros((*group.cells.shape, 3))
     for points, stiffness in group.families(p):
         vectors = points.vectors(positions, group.cells)
-        resultants = points.lengths[..., None] * (stiffness @ points.strain(vectors)[..., None])[..., 0]
-        total -= np.einsum("mqk,mqkai->mai", resultants, points.slopes(vectors))
+        strain, by_products = points.strains(points.products(vectors))
+        resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
+        pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
+        total -= np.einsum("mqk,mqkai->mai", pulling, points.slopes(vectors))
     return total
 
 
@@ -344,20 +407,29 @@ def rod_stiffness(
     total = np.zeros((count, a, a, 3, 3))
     for points, stiffness in group.families(p):
         vectors = points.vectors(positions, group.cells)
-        slopes = points.slopes(vectors)
-        strain = points.strain(vectors)
+        slopes, products = points.slopes(vectors), points.products(vectors)
+        strain, by_products = points.strains(products)
         if moved is not None:  # to first order, what the last linear solve found
-            change = points.vectors(moved, group.cells)
-            strain -= 0.5 * np.einsum("mqfi,kfg,mqgi->mqk", change, points.forms, change)
+            second = points.products(points.vectors(moved, group.cells))
+            strain = strain - (by_products @ second[..., None])[..., 0]
         resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
+        pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
+        moduli = np.swapaxes(by_products, -1, -2) @ stiffness @ by_products
+        moduli *= points.lengths[..., None, None]
         if positive and moved is None:
             stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
-            resultants = np.where(stretches, np.maximum(resultants, 0.0), 0.0)
-        weighted = (points.lengths[..., None, None] * stiffness) @ slopes.reshape(*slopes.shape[:3], -1)
-        flat = np.swapaxes(slopes.reshape(*slopes.shape[:3], -1), -1, -2)
-        total += (flat @ weighted).sum(axis=1).reshape(count, a, 3, a, 3).swapaxes(2, 3)
+            pulling = np.where(stretches, np.maximum(pulling, 0.0), 0.0)
+        else:
+            moduli += points.bent(products, resultants)
+        flat = slopes.reshape(*slopes.shape[:3], -1)
+        total += (
+            (np.swapaxes(flat, -1, -2) @ (moduli @ flat))
+            .sum(axis=1)
+            .reshape(count, a, 3, a, 3)
+            .swapaxes(2, 3)
+        )
         turning = np.einsum(
-            "mqk,kfg,mqfa,mqgb->mab", resultants, points.forms, points.maps, points.maps, optimize=True
+            "mqk,kfg,mqfa,mqgb->mab", pulling, points.forms, points.maps, points.maps, optimize=True
         )
         total += turning[..., None, None] * np.eye(3)
     return total
@@ -371,7 +443,7 @@ def rod_stress(group: RodGroup, positions: Array, p: Array) -> Array:
     assert isinstance(group.material, Section)
     line, _ = group.material.scales(p)
     vectors = group.line.vectors(positions, group.cells)
-    strain = group.line.strain(vectors)
+    strain, _ = group.line.strains(group.line.products(vectors))
     reach = group.reach[:, None]
     bending = np.abs(strain[..., 3:5] * reach).sum(axis=-1)
     axial = line[:, None, 0] * (strain[..., 0] + np.where(strain[..., 0] < 0.0, -bending, bending))

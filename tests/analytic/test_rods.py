@@ -171,6 +171,17 @@ def elastica(load: float, stretch: float) -> Array:
     return np.asarray(found.sol(1.0)[2:])
 
 
+@pytest.mark.parametrize("share", [-0.4, -0.1, 0.5])
+def test_pressed_and_pulled_it_gets_shorter_and_longer_as_hooke_says(share: float) -> None:
+    """Far: a law that is linear in the square of the length gives way at 0.19 of the stiffness."""
+    line = ((0.0, 0.0, 0.0), (0.4 * THICK, 0.3 * THICK, 0.0))  # short, else it would buckle
+    short = rod(centreline=line, first_axis=(0.0, 0.0, 1.0), elements=2)
+    pulled = tip(
+        cantilever(short, shear_factor=100.0), tuple(share * YOUNG * AREA * np.array([0.8, 0.6, 0.0]))
+    )
+    assert pulled == pytest.approx((1.0 + share) * np.array(line[1]), rel=1e-6)
+
+
 @pytest.mark.parametrize("load", [1.0, 5.0, 10.0])
 def test_elastica(load: float) -> None:
     expected = LENGTH * elastica(load, BEND / (YOUNG * AREA * LENGTH**2))

@@ -54,8 +54,17 @@ def unsheared(scene: SceneDescription) -> SceneDescription:
 
 
 @cache
-def emio() -> Simulation:
-    return Simulation(unsheared(load_yaml(FILE).scene), backend="scipy")
+def emio(elements: int = 10) -> Simulation:
+    return Simulation(cut(unsheared(load_yaml(FILE).scene), elements), backend="scipy")
+
+
+def cut(scene: SceneDescription, elements: int) -> SceneDescription:
+    """With so many cells in each strip."""
+    bodies = []
+    for body in scene.bodies:
+        assert body.rod is not None
+        bodies.append(replace(body, rod=replace(body.rod, elements=elements)))
+    return replace(scene, bodies=tuple(bodies))
 
 
 @cache
@@ -76,7 +85,7 @@ def other() -> Simulation:
     bodies = []
     for body in scene.bodies:
         assert body.rod is not None
-        rod = replace(body.rod, centreline=line, section=section, length=0.20244, elements=14)
+        rod = replace(body.rod, centreline=line, section=section, length=0.20244, elements=20)
         bodies.append(replace(body, rod=rod))
     attachments = tuple(
         replace(each, frame=replace(each.frame, translation=(0.0, 0.0, -0.146)))
@@ -87,17 +96,19 @@ def other() -> Simulation:
     return Simulation(replace(scene, bodies=tuple(bodies), attachments=attachments), backend="scipy")
 
 
+@pytest.mark.parametrize(("elements", "within"), [(10, 0.13), (20, 0.02)])
 @pytest.mark.parametrize("angles", CAD)
-def test_check_points_of_the_printed_parts(angles: tuple[float, ...]) -> None:
-    state = emio().equilibrium(angles).state
+def test_check_points_of_the_printed_parts(angles: tuple[float, ...], elements: int, within: float) -> None:
+    """What is left at twenty is the rounding of the points, and at the one of a quarter turn the cells."""
+    state = emio(elements).equilibrium(angles).state
     place, tilt = CAD[angles]
-    assert 1e3 * state.frame_positions[0] == pytest.approx(place, abs=0.2)
+    assert 1e3 * state.frame_positions[0] == pytest.approx(place, abs=within)
     assert np.degrees(rotation_log(state.frame_rotations[0])) == pytest.approx(tilt, abs=0.1)
 
 
 @pytest.mark.parametrize("angles", OTHER)
 def test_check_points_of_another_geometry(angles: tuple[float, ...]) -> None:
-    assert 1e3 * other().equilibrium(angles).state.frame_positions[0] == pytest.approx(OTHER[angles], abs=0.2)
+    assert 1e3 * other().equilibrium(angles).state.frame_positions[0] == pytest.approx(OTHER[angles], abs=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,11 +1,11 @@
 """Compiled cells of rods, for the step; the formulas are those of fem.rods.
 
-With the vectors v_f of a point, the strains have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n,
-and the block of nodes m, n is
+With the vectors v_f of a point, the products have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n,
+and with C and T the moduli and the resultants of products the block of nodes m, n is
 
     w [B_km C_kl B_ln + T_k L_fm Q_kfg L_gn I]
 
-where T is the resultant that the last linear solve found.
+where T is what the last linear solve found.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.fem.group import ElementGroup
-from softsim_core.fem.rods import RodGroup, StrainPoints
+from softsim_core.fem.rods import BENDING, SHORTEST, RodGroup, StrainPoints
 
 
 class RodPoints(NamedTuple):
@@ -27,9 +27,10 @@ class RodPoints(NamedTuple):
         members: Which of the nodes of a cell take part, ascending, shape (m, q, b).
         maps: From these to the vectors, shape (m, q, f, b).
         forms: See there, shape (k, f, f).
-        stretching: Whether a strain is one vector's length, shape (k,).
+        stretching: Whether a product is one vector's with itself, shape (k,).
         natural: See there, shape (m, q, k).
         stiffness: Times the lengths, shape (m, q, k, k).
+        along: See there.
     """
 
     members: IndexArray
@@ -38,6 +39,7 @@ class RodPoints(NamedTuple):
     stretching: IndexArray
     natural: Array
     stiffness: Array
+    along: bool
 
 
 class RodCells(NamedTuple):
@@ -69,7 +71,13 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
     maps = np.take_along_axis(points.maps, members[:, :, None, :], axis=3)
     stretching = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1).astype(np.int64)
     return RodPoints(
-        members, maps, points.forms, stretching, points.natural.copy(), np.zeros_like(points.stiffness)
+        members,
+        maps,
+        points.forms,
+        stretching,
+        points.natural.copy(),
+        np.zeros_like(points.stiffness),
+        points.along,
     )
 
 
@@ -94,7 +102,7 @@ def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: i
 
 @kernel
 def put_slopes(forms: Array, v: Array, out: Array) -> None:
-    """Q_k v of all strains, shape (k, f, 3)."""
+    """Q_k v of all products, shape (k, f, 3)."""
     for k in range(forms.shape[0]):
         for f in range(forms.shape[1]):
             for i in range(3):
@@ -107,13 +115,63 @@ def put_slopes(forms: Array, v: Array, out: Array) -> None:
 
 @kernel
 def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
-    """Factor times v . Q_k v of all strains, with the slopes of one of the two, shape (k,)."""
+    """Factor times v . Q_k v of all products, with the slopes of one of the two, shape (k,)."""
     for k in range(len(out)):
         total = 0.0
         for f in range(len(v)):
             for i in range(3):
                 total += slopes[k, f, i] * v[f, i]
         out[k] = factor * total
+
+
+@kernel
+def put_strains(
+    points: RodPoints, e: int, q: int, products: Array, strains: Array, by_products: Array
+) -> None:
+    """Strains (k,) of products (k,) at point q of cell e, and their slopes (k, k)."""
+    by_products[:] = 0.0
+    for k in range(len(products)):
+        strains[k] = products[k]
+        by_products[k, k] = 1.0
+    if points.along:
+        by_length = 1.0 / max(np.sqrt(2.0 * products[0]), SHORTEST)
+        strains[0] = 1.0 / by_length
+        by_products[0, 0] = by_length
+        for k in BENDING:
+            strains[k] *= by_length
+            by_products[k, k] = by_length
+            by_products[k, 0] = -products[k] * by_length**3
+    for k in range(len(products)):
+        strains[k] -= points.natural[e, q, k]
+
+
+@kernel
+def put_moduli(stiffness: Array, by_products: Array, along: bool, between: Array, out: Array) -> None:
+    """Moduli of products (k, k) from those of strains; `between` is written over."""
+    strains = len(out)
+    for k in range(strains):
+        for j in range(strains):
+            between[k, j] = stiffness[k, j] * by_products[j, j]
+        if along:
+            for j in BENDING:
+                between[k, 0] += stiffness[k, j] * by_products[j, 0]
+    for j in range(strains):
+        for k in range(strains):
+            out[k, j] = by_products[k, k] * between[k, j]
+        if along:
+            for k in BENDING:
+                out[0, j] += by_products[k, 0] * between[k, j]
+
+
+@kernel
+def add_bent(products: Array, resultants: Array, out: Array) -> None:
+    """Add second derivatives of the strains along a rod, times resultants (k,) of these, to moduli (k, k)."""
+    by_length = 1.0 / max(np.sqrt(2.0 * products[0]), SHORTEST)
+    out[0, 0] -= resultants[0] * by_length**3
+    for k in BENDING:
+        out[0, 0] += 3.0 * resultants[k] * products[k] * by_length**5
+        out[0, k] -= resultants[k] * by_length**3
+        out[k, 0] -= resultants[k] * by_length**3
 
 
 @kernel
@@ -134,7 +192,10 @@ def fill_points(
     a = nodes.shape[1]
     v, dv = np.zeros((vectors, 3)), np.zeros((vectors, 3))
     slopes, turned = np.zeros((strains, vectors, 3)), np.zeros((strains, vectors, 3))
-    e_now, e_change, e_rate = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    products, second, rates = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    strain, resultants, expected = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    by_products, moduli = np.zeros((strains, strains)), np.zeros((strains, strains))
+    between = np.zeros((strains, strains))
     found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
     b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
     turning, turned_maps = np.zeros((vectors, vectors)), np.zeros((vectors, taking_part))
@@ -143,28 +204,43 @@ def fill_points(
         for q in range(maps.shape[1]):
             put_vectors(x, nodes, points, e, q, v)
             put_slopes(forms, v, slopes)
-            put_products(slopes, v, 0.5, e_now)
-            for k in range(strains):
-                e_now[k] -= points.natural[e, q, k]
-                e_change[k] = e_now[k]
+            put_products(slopes, v, 0.5, products)
+            put_strains(points, e, q, products, strain, by_products)
             if len(moved):
                 put_vectors(moved, nodes, points, e, q, dv)
                 put_slopes(forms, dv, turned)
-                put_products(turned, dv, 0.5, e_rate)
-                for k in range(strains):
-                    e_change[k] -= e_rate[k]
+                put_products(turned, dv, 0.5, second)
             put_vectors(velocities, nodes, points, e, q, dv)
             put_slopes(forms, dv, turned)
-            put_products(slopes, dv, 1.0, e_rate)
+            put_products(slopes, dv, 1.0, rates)
             for k in range(strains):
-                found[k] = acting[k] = 0.0
+                resultants[k] = expected[k] = 0.0
                 for j in range(strains):
                     stiff = points.stiffness[e, q, k, j]
                     if stiff != 0.0:
-                        found[k] += stiff * e_change[j]
-                        acting[k] += stiff * (e_now[j] + lag * e_rate[j])
+                        resultants[k] += stiff * strain[j]
+                        if len(moved):
+                            change = by_products[j, j] * second[j]
+                            if points.along and j in BENDING:
+                                change += by_products[j, 0] * second[0]
+                            expected[k] += stiff * (strain[j] - change)
+                        else:
+                            expected[k] += stiff * strain[j]
+            put_moduli(points.stiffness[e, q], by_products, points.along, between, moduli)
+            if points.along and len(moved):
+                add_bent(products, expected, moduli)
+            for k in range(strains):
+                acting[k] = by_products[k, k] * resultants[k]
+                found[k] = by_products[k, k] * expected[k]
+            if points.along:
+                for k in BENDING:
+                    acting[0] += by_products[k, 0] * resultants[k]
+                    found[0] += by_products[k, 0] * expected[k]
+            for k in range(strains):
                 if not len(moved):
                     found[k] = max(found[k], 0.0) if points.stretching[k] else 0.0
+                for j in range(strains):
+                    acting[k] += lag * moduli[k, j] * rates[j]
             pull[:] = 0.0
             turning[:] = 0.0
             for k in range(strains):
@@ -190,7 +266,7 @@ def fill_points(
             cb[:] = 0.0
             for k in range(strains):
                 for j in range(strains):
-                    stiff = scale * points.stiffness[e, q, k, j]
+                    stiff = scale * moduli[k, j]
                     if stiff != 0.0:
                         for c in range(3 * taking_part):
                             cb[k, c] += stiff * b[j, c]
