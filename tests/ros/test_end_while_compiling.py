@@ -90,14 +90,16 @@ def test_softsim_up_is_ended_at_rest_while_its_physics_compiles(start: ProcessGr
             assert up.says("simulating", KERNELS_S), up.output
             commands = client.publisher(Float64MultiArray, "position_controller/commands")
             stream = Stream(commands, Float64MultiArray(data=[-1.0] * 3))
-            assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
-            client.publish("keys", String(data="x"))
-            assert up.says("compiling"), up.output
-            ended: list[float] = []
-            ender = threading.Thread(target=lambda: ended.append(end(up, signal.SIGINT)))
-            ender.start()
-            ender.join(DEADLINE_S)
-            stream.stop()
+            try:
+                assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121), DEADLINE_S), up.output
+                client.publish("keys", String(data="x"))
+                assert up.says("compiling"), up.output
+                ended: list[float] = []
+                ender = threading.Thread(target=lambda: ended.append(end(up, signal.SIGINT)))
+                ender.start()
+                ender.join(DEADLINE_S)
+            finally:
+                stream.stop()
         finally:
             client.close()
         assert [packet.servo_bytes for packet in board.packets[-3:]] == [REST] * 3
