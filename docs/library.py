@@ -27,6 +27,11 @@ GROUPS: dict[str, str] = {
         "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
         "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),
+    "What is felt": (
+        "SimulatedSensorDescription WrenchSensorDescription TactileArrayDescription StrainSensorDescription "
+        "ImuDescription MarkersDescription CableSensorDescription ChamberSensorDescription SensorReading "
+        "register_sensor Sensor Seen Scenery"
+    ),
     "Actuators of one's own": (
         "Actuator ActuatorDescription register_actuator Surroundings Placed line_stiffness "
         "GeometricStiffness ActuatorView ActuatorKind"

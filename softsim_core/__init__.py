@@ -127,6 +127,21 @@ if TYPE_CHECKING:
     from softsim_core.scene.running import RunningSimulation
     from softsim_core.scene.scene import Part, Scene, animated
     from softsim_core.scene.view import Camera, ViewSettings
+    from softsim_core.sensing import (
+        CableSensorDescription,
+        ChamberSensorDescription,
+        ImuDescription,
+        MarkersDescription,
+        Scenery,
+        Seen,
+        Sensor,
+        SensorReading,
+        SimulatedSensorDescription,
+        StrainSensorDescription,
+        TactileArrayDescription,
+        WrenchSensorDescription,
+        register_sensor,
+    )
     from softsim_core.simulation import Simulation
     from softsim_core.values import Box, FieldError, MeshFile, Placement, Sphere
 
@@ -148,11 +163,13 @@ __all__ = [
     "Box",
     "BusServo",
     "CableDescription",
+    "CableSensorDescription",
     "CableView",
     "Calibration",
     "CalibrationDescription",
     "Camera",
     "ChamberDescription",
+    "ChamberSensorDescription",
     "CollisionDescription",
     "CommandColumns",
     "CommandError",
@@ -177,6 +194,7 @@ __all__ = [
     "FrameDescription",
     "GeometricStiffness",
     "HeightTiltTask",
+    "ImuDescription",
     "InverseController",
     "InverseReport",
     "InverseSettings",
@@ -186,6 +204,7 @@ __all__ = [
     "KeyBinding",
     "LayerDescription",
     "LayerOfRodDescription",
+    "MarkersDescription",
     "MaterialDescription",
     "MaterialError",
     "Measures",
@@ -213,13 +232,18 @@ __all__ = [
     "Scene",
     "SceneDescription",
     "SceneError",
+    "Scenery",
+    "Seen",
     "Sensitivity",
+    "Sensor",
     "SensorDescription",
+    "SensorReading",
     "ServoCalibration",
     "Session",
     "SessionDescription",
     "SessionResult",
     "Shape",
+    "SimulatedSensorDescription",
     "Simulation",
     "SnapshotError",
     "SoftSimError",
@@ -230,14 +254,17 @@ __all__ = [
     "StartAnimation",
     "StaticSolution",
     "StepReport",
+    "StrainSensorDescription",
     "SurfaceMesh",
     "Surroundings",
+    "TactileArrayDescription",
     "TetMesh",
     "TiltController",
     "TiltGains",
     "TimeColumn",
     "ViewSettings",
     "Workspace",
+    "WrenchSensorDescription",
     "__version__",
     "analytic_sensitivity",
     "animated",
@@ -263,6 +290,7 @@ __all__ = [
     "read_surface",
     "read_tets",
     "register_actuator",
+    "register_sensor",
     "rotation_euler",
     "rotation_exp",
     "rotation_log",
@@ -342,6 +370,11 @@ _NAMES = {
     "softsim_core.scene.running": "RunningSimulation",
     "softsim_core.scene.scene": "Part Scene animated",
     "softsim_core.scene.view": "Camera ViewSettings",
+    "softsim_core.sensing": (
+        "CableSensorDescription ChamberSensorDescription ImuDescription MarkersDescription Scenery Seen "
+        "Sensor SensorReading SimulatedSensorDescription StrainSensorDescription TactileArrayDescription "
+        "WrenchSensorDescription register_sensor"
+    ),
     "softsim_core.simulation": "Simulation",
     "softsim_core.values": "Box FieldError MeshFile Placement Sphere",
 }

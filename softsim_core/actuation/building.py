@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
 from softsim_core.mesh import TetMesh, embed
 from softsim_core.units import SHORTENING, JointUnits
+
+NEAR: Final = 1.0
+"""So far outside a body, in heights of a cell, a point may lie that is bound to the nearest one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +94,17 @@ class Surroundings:
                 f"{body}; move it inside, or check its placement"
             )
         return Points(bound.nodes + self.first_node[body], bound.weights)
+
+    def bind_near(self, point: Array) -> Points | None:
+        """The nodes that carry a point (3,) in [m], at the start, in or on any body; None: none is there.
+
+        Farther outside every body than NEAR heights of a cell it is on none; others stand off it.
+        """
+        found = [(embed(point[None], mesh), self.first_node[body]) for body, mesh in self.meshes.items()]
+        on, start = min(found, key=lambda each: float(each[0].outside[0]), default=(None, 0))
+        if on is None or on.outside[0] > NEAR:
+            return None
+        return Points(on.nodes + start, on.weights)
 
 
 class Placed(NamedTuple):

@@ -13,6 +13,7 @@ from softsim_core.contact.detection import Detector, Proximities
 from softsim_core.contact.rows import Carried
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.contact.surfaces import CollisionSurface
+from softsim_core.mechanics.carrier import Carrier
 from softsim_core.mechanics.model import Model, MotionSubspace
 from softsim_core.mechanics.pose import rotation_exp, rotation_log
 from softsim_core.mechanics.state import State
@@ -24,24 +25,16 @@ _SPARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Carrier:
+class VertexCarrier(Carrier):
     """What carries collision vertices that no deformable body carries.
 
     Attributes:
         vertices: Range of collision vertices.
         local: Positions in the carrier's frame in [m], shape (k, 3).
-        rigid: Number of the free rigid body, or -1.
-        frame: Number of the free frame, or -1.
-        joint: Number of the joint that moves it, or -1.
-        base: Number of the joint whose base it is, or -1; all four -1: the world.
     """
 
     vertices: slice
     local: Array
-    rigid: int = -1
-    frame: int = -1
-    joint: int = -1
-    base: int = -1
 
 
 class Place(NamedTuple):
@@ -124,7 +117,7 @@ class CollisionModel:
         settings: ContactSettings,
         nodes: IndexArray,
         weights: Array,
-        carriers: tuple[Carrier, ...],
+        carriers: tuple[VertexCarrier, ...],
         model: Model,
         friction: Array,
         body_names: tuple[str, ...],
@@ -138,7 +131,7 @@ class CollisionModel:
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _carried(surfaces, nodes, weights, carriers, model)
-        self.moving = any(_reduced(each, model) for each in carriers)
+        self.moving = any(each.reduced(model) for each in carriers)
         self.least_gap = settings.contact_distance - _SHORTFALL
         self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
@@ -146,7 +139,7 @@ class CollisionModel:
         for each in carriers:
             self._fixed[each.vertices] = each.local
         movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
-        on_ground = [each for each in movable if each.base >= 0 and not _reduced(each, model)]
+        on_ground = [each for each in movable if each.base >= 0 and not each.reduced(model)]
         self._on_ground = tuple(on_ground)  # moves only when somebody moves its base
         self._bases = np.zeros(0)
         self._movable = tuple(each for each in movable if each not in on_ground)
@@ -174,7 +167,7 @@ class CollisionModel:
         points = self._fixed.copy()
         points[self.soft] = self._followed(state.positions)
         for carrier in self._movable:
-            origin, rotation = _pose(carrier, self.model, state)
+            origin, rotation = carrier.pose(self.model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
         return points
 
@@ -185,7 +178,7 @@ class CollisionModel:
             return
         self._bases = bases
         for carrier in self._on_ground:
-            origin, rotation = _pose(carrier, self.model, state)
+            origin, rotation = carrier.pose(self.model, state)
             self._fixed[carrier.vertices] = origin + carrier.local @ rotation.T
 
     def start(self, before: State) -> Place:
@@ -330,7 +323,7 @@ class CollisionModel:
             if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn per step
                 turn = place.turned[carrier.rigid, 3:]
             else:
-                now, then = (_pose(carrier, self.model, each.state)[1] for each in (place, start))
+                now, then = (carrier.pose(self.model, each.state)[1] for each in (place, start))
                 turn = rotation_log(now @ then.T)
             rolled[carrier.vertices] = self.carried.radius[carrier.vertices][:, None] * turn
         return rolled
@@ -343,56 +336,32 @@ class CollisionModel:
         carrier = next(each for each in self.carriers if each.vertices.start == surface.vertices.start)
         if carrier.rigid >= 0 or carrier.frame >= 0:
             return True
-        joints = [b - 6 * len(model.frame_names) for b in _reduced(carrier, model)]
+        joints = [b - 6 * len(model.frame_names) for b in carrier.reduced(model)]
         return any(model.joints[j].stiffness is not None for j in joints)
-
-
-def _pose(carrier: Carrier, model: Model, state: State) -> tuple[Array, Array]:
-    """Origin (3,) and rotation (3, 3) of a carrier."""
-    if carrier.rigid >= 0:
-        return state.rigid_positions[carrier.rigid], state.rigid_rotations[carrier.rigid]
-    if carrier.frame >= 0:
-        return state.frame_positions[carrier.frame], state.frame_rotations[carrier.frame]
-    if carrier.joint >= 0:
-        return model.joint_frame(carrier.joint, state)
-    if carrier.base >= 0:
-        return model.base_frame(carrier.base, state)
-    return np.zeros(3), np.eye(3)
 
 
 def _carried(
     surfaces: tuple[CollisionSurface, ...],
     nodes: IndexArray,
     weights: Array,
-    carriers: tuple[Carrier, ...],
+    carriers: tuple[VertexCarrier, ...],
     model: Model,
 ) -> Carried:
     """What carries each vertex, as arrays."""
     count = len(nodes)
-    widest = max((len(_reduced(carrier, model)) for carrier in carriers), default=0)
+    widest = max((len(carrier.reduced(model)) for carrier in carriers), default=0)
     radius, rigid, reduced = np.zeros(count), np.full(count, -1), np.full((count, max(widest, 1)), -1)
     for surface in surfaces:
         radius[surface.vertices] = surface.radius
     for carrier in carriers:
         rigid[carrier.vertices] = carrier.rigid
-        unknowns = _reduced(carrier, model)
+        unknowns = carrier.reduced(model)
         reduced[carrier.vertices, : len(unknowns)] = unknowns
     return Carried(weights.any(axis=1), nodes, weights, radius, rigid, reduced)
 
 
-def _reduced(carrier: Carrier, model: Model) -> list[int]:
-    """Reduced coordinates that move a carrier."""
-    if carrier.frame >= 0:
-        return list(range(6 * carrier.frame, 6 * carrier.frame + 6))
-    if carrier.joint >= 0:
-        return [6 * len(model.frame_names) + j for j in model.chain(carrier.joint)]
-    if carrier.base >= 0:
-        return [6 * len(model.frame_names) + j for j in model.chain(carrier.base)[:-1]]
-    return []
-
-
-def _turning(surface: int, carrier: Carrier, model: Model) -> Turning:
+def _turning(surface: int, carrier: VertexCarrier, model: Model) -> Turning:
     """A surface, and what moves it."""
     centre = np.zeros(3) if carrier.rigid >= 0 else carrier.local[0]
     radius = float(np.linalg.norm(carrier.local - centre, axis=1).max())
-    return Turning(surface, carrier.rigid, _reduced(carrier, model), carrier.vertices.start, radius)
+    return Turning(surface, carrier.rigid, carrier.reduced(model), carrier.vertices.start, radius)

@@ -324,15 +324,18 @@ def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactRepo
     pairs = np.concatenate([touching.near.pair, others.pair])
     sides = np.einsum("kc,kci->ki", others.a_weights, points[others.a])
     sides += np.einsum("kc,kci->ki", others.b_weights, points[others.b])
+    shown = (touching.near, others)
     return ContactReport(
-        np.concatenate([touching.points, 0.5 * sides]),
-        np.concatenate([forces, np.zeros((len(others.key), 3))]),
-        np.concatenate([touching.near.normal, others.normal]),
-        np.concatenate([gaps, others.distance]) - settings.contact_distance,
-        pairs,
-        collisions.owner[pairs],
-        collisions.body_names,
-        solution.residual,
-        solution.sweeps,
-        passes,
+        points=np.concatenate([touching.points, 0.5 * sides]),
+        forces=np.concatenate([forces, np.zeros((len(others.key), 3))]),
+        normals=np.concatenate([each.normal for each in shown]),
+        gaps=np.concatenate([gaps, others.distance]) - settings.contact_distance,
+        pairs=pairs,
+        bodies=collisions.owner[pairs],
+        body_names=collisions.body_names,
+        vertices=np.concatenate([np.concatenate([each.a, each.b], axis=1) for each in shown]),
+        weights=np.concatenate([np.concatenate([each.a_weights, each.b_weights], axis=1) for each in shown]),
+        residual=solution.residual,
+        sweeps=solution.sweeps,
+        passes=passes,
     )

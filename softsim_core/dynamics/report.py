@@ -27,6 +27,8 @@ class ContactReport:
         pairs: Numbers of the two surfaces, as in `Simulation.collision_surfaces`, shape (k, 2).
         bodies: Numbers of their bodies, as in `body_names`, shape (k, 2).
         body_names: Names of all bodies of the scene.
+        vertices: Collision vertices that carry each contact, three of either surface, shape (k, 6).
+        weights: Their shares in its force, those of either surface add up to 1, shape (k, 6).
         residual: How far the forces are from the contact law, in [m].
         sweeps: Sweeps of the contact solver.
         passes: How often the contacts were linearised and solved.
@@ -39,6 +41,8 @@ class ContactReport:
     pairs: IndexArray
     bodies: IndexArray
     body_names: tuple[str, ...]
+    vertices: IndexArray
+    weights: Array
     residual: float
     sweeps: int
     passes: int
@@ -46,7 +50,18 @@ class ContactReport:
 
 _NO_VECTORS, _NO_PAIRS = np.zeros((0, 3)), np.zeros((0, 2), np.int64)
 NOTHING = ContactReport(
-    _NO_VECTORS, _NO_VECTORS, _NO_VECTORS, np.zeros(0), _NO_PAIRS, _NO_PAIRS, (), 0.0, 0, 0
+    points=_NO_VECTORS,
+    forces=_NO_VECTORS,
+    normals=_NO_VECTORS,
+    gaps=np.zeros(0),
+    pairs=_NO_PAIRS,
+    bodies=_NO_PAIRS,
+    body_names=(),
+    vertices=np.zeros((0, 6), np.int64),
+    weights=np.zeros((0, 6)),
+    residual=0.0,
+    sweeps=0,
+    passes=0,
 )
 
 

@@ -13,6 +13,7 @@ PART_OF: Final = {
     "iterate": "step",
     "solve": "step",
     "update": "step",
+    "sensors": "step",
     "detect": "step",
     "contact": "step",
     "compliance": "contact",

@@ -15,11 +15,8 @@ from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, rotation_log, rotation_of
 from softsim_core.mechanics.rows import Rows
-from softsim_core.mesh.embedding import embed
+from softsim_core.scene.actuator_builder import surroundings
 from softsim_core.simulation import Simulation
-
-OUTSIDE = 1.0
-"""A marker farther outside every body than so many elements are high sits on none; others stand off it."""
 
 
 class Sensor(Protocol):
@@ -150,17 +147,15 @@ def marker_sensors(simulation: Simulation, places: Array, noise: float) -> list[
     Raises:
         SceneError: no body is at a place.
     """
-    sensors = []
+    sensors, around = [], surroundings(simulation.model, simulation.bodies)
     for number, place in enumerate(np.asarray(places, dtype=float).reshape(-1, 3)):
-        found = [(embed(place[None], body.solid), body.nodes.start) for body in simulation.bodies]
-        nearest = min(found, key=lambda each: float(each[0].outside[0]), default=None)
-        if nearest is None or nearest[0].outside[0] > OUTSIDE:
+        on = around.bind_near(place)
+        if on is None:
             raise SceneError(
                 f"marker {number}: no body of {simulation.scene.name} is at {place.tolist()} m; give "
                 "the place of the marker on the robot at rest"
             )
-        on, start = nearest
-        sensors.append(PointSensor(f"marker_{number}", on.nodes[0] + start, on.weights[0], np.full(3, noise)))
+        sensors.append(PointSensor(f"marker_{number}", on.nodes[0], on.weights[0], np.full(3, noise)))
     return sensors
 
 

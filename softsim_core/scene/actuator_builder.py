@@ -10,6 +10,13 @@ from softsim_core.scene.body import Body
 from softsim_core.scene.description import SceneDescription
 
 
+def surroundings(model: Model, bodies: tuple[Body, ...]) -> Surroundings:
+    """What actuators and sensors are built into."""
+    return Surroundings(
+        model, {body.name: body.solid for body in bodies}, {body.name: body.nodes.start for body in bodies}
+    )
+
+
 def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> Actuators:
     """All actuators that joints of a scene have; kinds in the order of the registry.
 
@@ -17,9 +24,7 @@ def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -
         SceneError: an actuator does not fit its surroundings.
         ConfigError: a file that an actuator names cannot be read.
     """
-    surroundings = Surroundings(
-        model, {body.name: body.solid for body in bodies}, {body.name: body.nodes.start for body in bodies}
-    )
+    around = surroundings(model, bodies)
     groups = []
     for kind in actuator_kinds().values():
         placed = [
@@ -28,5 +33,5 @@ def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -
             if joint.actuator is not None and joint.kind == kind.name
         ]
         if placed:
-            groups.append(kind.build(placed, surroundings))
+            groups.append(kind.build(placed, around))
     return Actuators(groups)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.collision_model import Carrier, CollisionModel
+from softsim_core.contact.collision_model import CollisionModel, VertexCarrier
 from softsim_core.contact.overlap import TOUCH, first_overlap
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
@@ -34,7 +34,7 @@ def contacts(
     surfaces: list[CollisionSurface] = []
     nodes: list[IndexArray] = []
     weights: list[Array] = []
-    carriers: list[Carrier] = []
+    carriers: list[VertexCarrier] = []
     first = 0
     for description in scene.collisions:
         owner = scene.body_names.index(description.body)
@@ -141,18 +141,18 @@ def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceM
 
 def _carrier(
     thing: RigidBody, vertices: slice, points: Array, scene: SceneDescription, model: Model
-) -> Carrier:
+) -> VertexCarrier:
     """What carries the vertices of a rigid body's surface."""
     if thing.free >= 0:
-        return Carrier(vertices, points, rigid=thing.free)
+        return VertexCarrier(vertices, points, rigid=thing.free)
     local = thing.position + points @ thing.rotation.T
     if thing.on in scene.joint_names:
-        return Carrier(vertices, local, joint=scene.joint_names.index(thing.on))
+        return VertexCarrier(vertices, local, joint=scene.joint_names.index(thing.on))
     if thing.on in model.frame_names:
-        return Carrier(vertices, local, frame=model.frame_names.index(thing.on))
+        return VertexCarrier(vertices, local, frame=model.frame_names.index(thing.on))
     if thing.on == "world":
-        return Carrier(vertices, local)
-    return Carrier(vertices, local, base=scene.joint_names.index(thing.on.removesuffix("_base")))
+        return VertexCarrier(vertices, local)
+    return VertexCarrier(vertices, local, base=scene.joint_names.index(thing.on.removesuffix("_base")))
 
 
 def need_apart(

@@ -25,6 +25,13 @@ from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
 from softsim_core.scene.rod import RodDescription, RodEnd
+from softsim_core.sensing.description import (
+    ANY_BODY,
+    PLACE,
+    SOFT_BODY,
+    SimulatedSensorDescription,
+    need_sensors,
+)
 from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
     Box,
@@ -381,6 +388,7 @@ class SceneDescription:
         collisions: Surfaces that touch others.
         contact: How contact is found and solved.
         effector: Name of the free attachment whose pose is the end effector's; None: there is none.
+        sensors: What measures; each of one of the kinds in `softsim_core.sensing`, which `kind` names.
     """
 
     name: str
@@ -394,6 +402,7 @@ class SceneDescription:
     collisions: tuple[CollisionDescription, ...] = ()
     contact: ContactSettings = ContactSettings()
     effector: str | None = None
+    sensors: tuple[SimulatedSensorDescription, ...] = ()
 
     def __post_init__(self) -> None:
         need_positive(f"scene {self.name}", "dt", self.dt, "s")
@@ -403,6 +412,7 @@ class SceneDescription:
             ("joint", self.joint_names),
             ("attachment", [attachment.name for attachment in self.attachments]),
             ("collision", [collision.name for collision in self.collisions]),
+            ("sensor", [sensor.name for sensor in self.sensors]),
         ):
             for name in names:
                 if list(names).count(name) > 1:
@@ -481,9 +491,9 @@ class SceneDescription:
                     known(f"{field_name} of {each.kind} {each.name}", name, bodies)
                 for field_name, name in each.actuator.carriers().items():
                     known_soft(f"{field_name} of {each.kind} {each.name}", name, frames)
+        bases = [f"{name}_base" for name in frames]
         for rigid in self.rigid_bodies:
-            carriers = ("world", *free, *frames, *(f"{name}_base" for name in frames))
-            known(f"carrier of rigid body {rigid.name}", rigid.on, carriers)
+            known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))
         for collision in self.collisions:
             known(f"body of collision {collision.name}", collision.body, self.body_names)
         touching = [*self.body_names, *(collision.name for collision in self.collisions)]
@@ -495,3 +505,10 @@ class SceneDescription:
             if attachment.end is not None:
                 known(f"body with an end (a rod) of attachment {attachment.name}", attachment.body, rods)
         known("effector (an attachment with to = free)", self.effector, free)
+        places = (*(each.name for each in self.attachments), *(each.name for each in self.rigid_bodies))
+        names = {ANY_BODY: self.body_names, SOFT_BODY: bodies, PLACE: ("world", *places, *frames, *bases)}
+        names |= {
+            joint.kind: [each.name for each in self.joints if each.kind == joint.kind]
+            for joint in self.joints
+        }
+        need_sensors(self.name, self.dt, self.sensors, names)

@@ -139,9 +139,9 @@ class RobotDescription:
         return replace(self, scene=replace(self.scene, **changes))
 
     def robot_alone(self) -> RobotDescription:
-        """The robot without what it touches, without user code and start move: a model to plan with."""
+        """The robot without what it touches and feels, user code and start move: a model to plan with."""
         contact = replace(self.scene.contact, friction_pairs=())
-        scene = replace(self.scene, rigid_bodies=(), collisions=(), contact=contact)
+        scene = replace(self.scene, rigid_bodies=(), collisions=(), sensors=(), contact=contact)
         return replace(self, scene=scene, controllers=(), start=None, view=ViewSettings())
 
 

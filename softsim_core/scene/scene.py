@@ -22,13 +22,14 @@ from softsim_core.scene.objects import CollisionDescription, RigidBodyDescriptio
 from softsim_core.scene.robot import Controller, RobotDescription, need_namespace
 from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
+from softsim_core.sensing.description import SimulatedSensorDescription
 from softsim_core.values import Vector
 
 StepCallback: TypeAlias = "Callable[[RunningSimulation], None]"
 KeyCallback: TypeAlias = "Callable[[RunningSimulation, str], None]"
 Item: TypeAlias = (
     "BodyDescription | JointDescription | AttachmentDescription | RigidBodyDescription"
-    " | CollisionDescription | Controller | Part"
+    " | CollisionDescription | SimulatedSensorDescription | Controller | Part"
 )
 
 
@@ -41,6 +42,7 @@ class Part:
     attachments: tuple[AttachmentDescription, ...] = ()
     rigid_bodies: tuple[RigidBodyDescription, ...] = ()
     collisions: tuple[CollisionDescription, ...] = ()
+    sensors: tuple[SimulatedSensorDescription, ...] = ()
     controllers: tuple[Controller, ...] = ()
     effector: str | None = None
 
@@ -67,6 +69,7 @@ class Scene:
     collisions: list[CollisionDescription] = field(default_factory=list)
     contact: ContactSettings = field(default_factory=ContactSettings)
     effector: str | None = None
+    sensors: list[SimulatedSensorDescription] = field(default_factory=list)
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
     commands: CommandSettings = field(default_factory=CommandSettings)
     start: StartAnimation | None = None
@@ -77,7 +80,7 @@ class Scene:
     controllers: list[Controller] = field(default_factory=list)
 
     def add(self, item: Item | Iterable[Item]) -> None:
-        """Add a part, a body, a joint, an attachment, a collision surface, a controller, or several of them.
+        """Add a part, a body, a joint, an attachment, a surface, a sensor, a controller, or several of them.
 
         Raises:
             SceneError: something else is given, or a second part brings an end effector.
@@ -92,6 +95,8 @@ class Scene:
             self.rigid_bodies.append(item)
         elif isinstance(item, CollisionDescription):
             self.collisions.append(item)
+        elif isinstance(item, SimulatedSensorDescription):
+            self.sensors.append(item)
         elif isinstance(item, Controller):
             self.controllers.append(item)
         elif isinstance(item, Part):
@@ -114,6 +119,7 @@ class Scene:
         self.attachments += part.attachments
         self.rigid_bodies += part.rigid_bodies
         self.collisions += part.collisions
+        self.sensors += part.sensors
         self.controllers += part.controllers
         self.effector = part.effector or self.effector
 
@@ -161,6 +167,7 @@ class Scene:
             collisions=tuple(self.collisions),
             contact=self.contact,
             effector=self.effector,
+            sensors=tuple(self.sensors),
         )
         return RobotDescription(
             scene=scene,

@@ -30,7 +30,9 @@ from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
 from softsim_core.scene.material import DEFAULT_LAW, MaterialDescription, law_parameters
 from softsim_core.scene.robot import RobotDescription, need_namespace
+from softsim_core.scene.sensor_keys import KIND, sensor_structure
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
+from softsim_core.sensing.description import SimulatedSensorDescription
 from softsim_core.values import FieldError, MeshFile, Vector
 
 Hook = Callable[[Any, Any], Any]
@@ -124,6 +126,8 @@ def _plain(value: Any, file: Path | None) -> Any:
             actuator = data.pop("actuator")
             if value.actuator is not None:
                 data[value.actuator.kind] = actuator
+        if isinstance(value, SimulatedSensorDescription):
+            data[KIND] = value.kind
         return data
     if isinstance(value, Mapping):
         return SourcedMapping({key: _plain(item, file) for key, item in value.items()}, file)
@@ -419,6 +423,9 @@ def _converter(find_files: bool) -> Any:
         converter.register_structure_hook(cls, hook)
     converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
     converter.register_structure_hook_factory(lambda cls: cls is JointDescription, joint_hook)
+    converter.register_structure_hook_func(
+        lambda cls: cls is SimulatedSensorDescription, sensor_structure(converter.structure)
+    )
     converter.register_structure_hook_func(
         lambda t: _members(t) == {ActuatorDescription, type(None)}, lambda value, _: value
     )

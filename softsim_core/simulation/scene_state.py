@@ -36,6 +36,9 @@ from softsim_core.mesh.follower import SurfaceFollower
 from softsim_core.scene.builder import build
 from softsim_core.scene.contact_builder import contacts
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.sensor_builder import sensors
+from softsim_core.sensing.sensor import Seen
+from softsim_core.sensing.sensors import Sensors
 from softsim_core.simulation.velocities import checked, set_body_motion
 
 
@@ -58,6 +61,7 @@ class SceneState:
         self._linear_solver = scene.solver.linear_solver
         self._backend = backend or scene.solver.backend
         self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+        self._sensors = sensors(scene, built, self._contacts)
         self._stepper = self._stepper_of(self.model, self._contacts)
         watched = torn_by_rough_steps(self.model.groups)
         if watched and scene.solver.substeps > 1:
@@ -138,6 +142,16 @@ class SceneState:
     @forces.setter
     def forces(self, forces: Array) -> None:
         self._forces[:] = float_array(forces, self._forces.shape, "forces")
+
+    @property
+    def sensors(self) -> Sensors:
+        """What every sensor told last, by name."""
+        return self._sensors
+
+    def _sense(self, steps: int, before: State | None = None) -> None:
+        """Have sensors measure after so many steps: `before` a step what is due, without one everything."""
+        seen = Seen(self.model, self._state if before is None else before, self._state, self._report)
+        self._sensors.sample(steps, seen, anew=before is None)
 
     # --- joints ---
 

@@ -71,9 +71,10 @@ class Simulation(SceneState):
         self._drive = JointDrive(self.robot)
         self._bases = MovableBases(self.model)
         self._steps = 0
-        self._step_time = self._controllers_time = 0.0
+        self._step_time = self._controllers_time = self._sensors_time = 0.0
         self._runaway_speed = runaway_speed(self._size(), self.model.dt)
         self._fingerprint = hashlib.sha256(repr(self._identity()).encode()).digest()
+        self._sense(0)
 
     # --- time ---
 
@@ -96,6 +97,8 @@ class Simulation(SceneState):
     def stage_times(self) -> dict[str, float]:
         """Time of each stage of the last step in [ms], and of the whole step; see dynamics.stages."""
         times = {**self._report.times, "step": self._step_time}
+        if len(self.sensors):
+            times = {"sensors": self._sensors_time, **times}
         return {"controllers": self._controllers_time, **times} if self.robot.controllers else times
 
     def step(self) -> None:
@@ -127,12 +130,15 @@ class Simulation(SceneState):
         if self._bases.advance(self._state, self.dt):
             self._actuators.measure(self.model, self._state)
         self._steps += 1
+        moved = perf_counter()
+        self._sense(self._steps, self._last_good)
         stepped = perf_counter()
         for controller in self.robot.controllers:
             if controller.on_end is not None:
                 controller.on_end(self)
         ended = perf_counter()
         self._controllers_time = 1e3 * (begun - started + ended - stepped)
+        self._sensors_time = 1e3 * (stepped - moved)
         self._step_time = 1e3 * (ended - started)
 
     def _size(self) -> float:
@@ -420,8 +426,9 @@ class Simulation(SceneState):
         self._forget_contacts()
 
     def _forget_contacts(self) -> None:
-        """What touched before a jump of the state is no news any more."""
+        """What touched before a jump of the state is no news any more; sensors measure where all is now."""
         self._report = replace(self._report, measure=nothing)
+        self._sense(self._steps)
 
     def equilibrium(
         self,
@@ -472,6 +479,7 @@ class Simulation(SceneState):
         self._state.copy_from(solution.state)
         let_relax(self.model, self._state, self.parameters)
         self._drive.place(np.array(joints, dtype=float), self.base_shift)
+        self._sense(self._steps)
         return solution
 
     def _saved(self) -> dict[str, Array]:

@@ -15,7 +15,7 @@ from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.overrides import Item
 from softsim_core.scene.robot import RobotDescription
 
-_LISTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
+_LISTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions", "sensors")
 """Lists of parts, which are properties only where they are empty."""
 
 _SKIPPED = ("name", "keys", "controllers", "source")

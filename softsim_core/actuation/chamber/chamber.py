@@ -22,6 +22,7 @@ continuum mechanics for finite element analysis, 8.5.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,17 @@ class _Measured(NamedTuple):
     places: Array
     volume: float
     row: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChamberView(ActuatorView):
+    """What one can see of a chamber.
+
+    Attributes:
+        volume: Of its hollow in [m^3].
+    """
+
+    volume: float = 0.0
 
 
 class Chamber(Actuator):
@@ -203,12 +215,19 @@ class Chamber(Actuator):
         v = np.reshape(corners, (-1, count)) @ (-multiplier * self._turning)
         return np.asarray(v.reshape(-1, 3, count, count))
 
-    def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
+    def view(self, model: Model, state: State, multiplier: float) -> ChamberView:
         """See Actuator: the hollow as plain triangles, four for a quadratic face."""
         places = state.positions[self.place]
         drawn = self.faces[:, _PLAIN[self.faces.shape[1]]].reshape(-1, 3)
-        value = self.value(model, state)
-        return ActuatorView(self.name, self.kind, np.zeros((0, 3)), value, multiplier, surface=places[drawn])
+        return ChamberView(
+            name=self.name,
+            kind=self.kind,
+            points=np.zeros((0, 3)),
+            value=self.value(model, state),
+            multiplier=multiplier,
+            surface=places[drawn],
+            volume=self.rest_volume + self.value(model, state),
+        )
 
     def _measured(self, state: State) -> _Measured:
         """What it has at a state; a step asks several times for the same one."""

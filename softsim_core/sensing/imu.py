@@ -1,0 +1,94 @@
+r"""An inertial measurement unit: specific force and angular rate of a frame.
+
+Over a step from :math:`k-1` to :math:`k` of length h, with the velocity v of its origin,
+
+.. math:: f = R^T \Bigl(\frac{v_k - v_{k-1}}{h} - g\Bigr)
+
+where R is its rotation in the middle of the step: the mean of the step, of second order in h for what turns
+evenly. The angular rate is the frame's spin at the end of the step in its own axes.
+
+Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import rotation_exp, rotation_log
+from softsim_core.sensing.building import Scenery, SensorKind, both
+from softsim_core.sensing.description import PLACE, Reference, SimulatedSensorDescription
+from softsim_core.sensing.place import Place
+from softsim_core.sensing.sensor import Seen, Sensor
+from softsim_core.values import Placement, Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuDescription(SimulatedSensorDescription):
+    """Accelerometer and gyroscope on something that moves rigidly: specific force [m/s^2], rate [rad/s].
+
+    The specific force is the acceleration less gravity: at rest it points up. It is the mean over the last
+    step, in the unit's own axes.
+
+    Attributes:
+        on: What it sits on: an attachment (a free frame, or what its region is attached to), a joint with a
+            frame (the frame that it moves), a rigid body (with mass: its centre of mass), "world".
+        pose: Where it sits in that frame (its scale is not used).
+        accelerometer_noise: Standard deviation of a sample in [m/s^2].
+        gyroscope_noise: The same in [rad/s].
+        accelerometer_bias: In [m/s^2].
+        gyroscope_bias: In [rad/s].
+    """
+
+    kind: ClassVar[str] = "imu"
+    on: str
+    pose: Placement = Placement()
+    accelerometer_noise: float = 0.0
+    gyroscope_noise: float = 0.0
+    accelerometer_bias: Vector = (0.0, 0.0, 0.0)
+    gyroscope_bias: Vector = (0.0, 0.0, 0.0)
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        self.need_noise(accelerometer_noise=self.accelerometer_noise, gyroscope_noise=self.gyroscope_noise)
+        self.need_bias(accelerometer_bias=self.accelerometer_bias, gyroscope_bias=self.gyroscope_bias)
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        return (Reference("on", self.on, PLACE),)
+
+
+class Imu(Sensor):
+    """See the module.
+
+    Args:
+        place: The frame.
+        noise, bias: Of specific force and angular rate, shape (6,).
+    """
+
+    def __init__(self, place: Place, noise: Array, bias: Array) -> None:
+        super().__init__(noise, bias)
+        self._place = place
+
+    def measure(self, seen: Seen) -> Array:
+        """Specific force, then angular rate, shape (6,)."""
+        model, place = seen.model, self._place
+        (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
+        now, then = (place.pose(model, each)[1] for each in (seen.state, seen.before))
+        middle = rotation_exp(0.5 * rotation_log(now @ then.T)) @ then
+        force = (velocity - earlier) / model.dt - model.gravity
+        return np.concatenate([force @ middle, spin @ now])
+
+
+def _built(described: ImuDescription, scenery: Scenery) -> Imu:
+    return Imu(
+        scenery.places[described.on].within(described.pose),
+        both(described.accelerometer_noise, described.gyroscope_noise),
+        both(described.accelerometer_bias, described.gyroscope_bias),
+    )
+
+
+IMU = SensorKind(ImuDescription, _built)

@@ -1,0 +1,51 @@
+"""The kinds of sensors there are: those of the package, and what users register."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from softsim_core.registry import Registry
+from softsim_core.sensing.building import Scenery, SensorKind
+from softsim_core.sensing.cable import CABLE_SENSOR
+from softsim_core.sensing.chamber import CHAMBER_SENSOR
+from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_core.sensing.imu import IMU
+from softsim_core.sensing.markers import MARKERS
+from softsim_core.sensing.sensor import Sensor
+from softsim_core.sensing.strain import STRAIN
+from softsim_core.sensing.tactile import TACTILE
+from softsim_core.sensing.wrench import WRENCH
+
+_kinds: Registry[SensorKind] = Registry(
+    "sensor kind", WRENCH, TACTILE, STRAIN, IMU, MARKERS, CABLE_SENSOR, CHAMBER_SENSOR
+)
+
+
+def register_sensor(
+    description: type[SimulatedSensorDescription], build: Callable[[Any, Scenery], Sensor]
+) -> None:
+    """Make a kind of sensors known under the `kind` of its description.
+
+    Args:
+        description: A frozen dataclass derived from SimulatedSensorDescription; scene files give its fields.
+        build: From a description, and what is around, to the sensor.
+
+    Raises:
+        SceneError: the name is one of the package's own.
+    """
+    _kinds.register(SensorKind(description, build))
+
+
+def sensor_kinds() -> tuple[str, ...]:
+    """Names of all kinds."""
+    return _kinds.names()
+
+
+def sensor_kind(name: str) -> SensorKind:
+    """The kind of a name.
+
+    Raises:
+        SceneError: there is none.
+    """
+    return _kinds.get(name)

@@ -1,0 +1,92 @@
+"""All sensors of a scene: what each told last, when it tells anew, and its noise.
+
+The noise of a sample comes from a counter-based generator (Philox) with a key from the sensor's seed and name
+and a counter from the sample's number. So it depends on no other sensor, is the same again after a reset, and
+goes on in the same way from a snapshot, without any state of its own.
+
+Source: Salmon et al. 2011, Parallel random numbers: as easy as 1, 2, 3.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.arrays import Array
+from softsim_core.errors import SceneError, listing
+from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_core.sensing.sensor import Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorReading:
+    """What a sensor told last.
+
+    Attributes:
+        description: What the scene says of it.
+        value: What it measured, with its noise and bias; shape and units are those of its kind.
+        time: Simulated time of the sample in [s].
+        number: Number of the sample since the start.
+    """
+
+    description: SimulatedSensorDescription
+    value: Array
+    time: float
+    number: int
+
+
+class Sensors:
+    """What every sensor told last: `sensors["tip"].value`; iterating gives the names.
+
+    Args:
+        built: Descriptions with their sensors.
+        dt: Time step in [s].
+    """
+
+    def __init__(self, built: Sequence[tuple[SimulatedSensorDescription, Sensor]], dt: float) -> None:
+        self._built, self._dt = tuple(built), dt
+        self._keys = [_key(description) for description, _ in built]
+        self._told: dict[str, SensorReading] = {}
+
+    def sample(self, step: int, seen: Seen, *, anew: bool = False) -> None:
+        """Have those measure that are due after so many steps since the start; `anew`: all of them."""
+        for (description, sensor), key in zip(self._built, self._keys, strict=True):
+            number = self._number(description, step)
+            if anew or number != self._number(description, step - 1):
+                generator = None
+                if sensor.random:
+                    generator = np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, number]))
+                value = sensor.disturbed(sensor.measure(seen), generator)
+                value.flags.writeable = False
+                self._told[description.name] = SensorReading(description, value, step * self._dt, number)
+
+    def _number(self, description: SimulatedSensorDescription, step: int) -> int:
+        """How many samples are due within so many steps, the one at the start left out."""
+        return step if description.rate is None else math.floor(step * self._dt * description.rate + 1e-6)
+
+    def __getitem__(self, name: str) -> SensorReading:
+        """What a sensor told last.
+
+        Raises:
+            SceneError: there is none of that name.
+        """
+        if name not in self._told:
+            raise SceneError(f"unknown sensor {name!r}; known: {listing(self._told)}")
+        return self._told[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._told)
+
+    def __len__(self) -> int:
+        return len(self._built)
+
+
+def _key(description: SimulatedSensorDescription) -> NDArray[np.uint64]:
+    """Key of a sensor's noise, two numbers of 64 bits."""
+    text = f"{description.seed} {description.name}".encode()
+    return np.frombuffer(hashlib.sha256(text).digest()[:16], dtype="<u8")
