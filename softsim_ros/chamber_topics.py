@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import Final
 
 from softsim_core.actuation.chamber import ChamberDescription
 from softsim_core.scene.description import JointDescription
-
-LONGEST_NAME: Final = 60
-"""So much of a joint's name stands in its topic; ROS allows about 250 characters for a topic in all."""
+from softsim_ros.topic_names import topic_words
 
 
 def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
@@ -22,12 +18,4 @@ def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
 
 def chamber_topics(names: Sequence[str]) -> list[str]:
     """The topics of chambers by the names of their joints; what no topic may hold becomes an underscore."""
-    topics: list[str] = []
-    for name in names:
-        token = re.sub(r"[^A-Za-z0-9_]", "_", name[:LONGEST_NAME])
-        if not token[:1].isalpha():
-            token = f"chamber_{token}"
-        while f"chambers/{token}/pressure" in topics:
-            token = f"{token}_"
-        topics.append(f"chambers/{token}/pressure")
-    return topics
+    return [f"chambers/{word}/pressure" for word in topic_words(names, "chamber")]

@@ -70,7 +70,7 @@ EVERYTHING = {"recorder"}
 SHARED = ("/diagnostics", "/tf", "/tf_static")
 
 
-OF_A_ROBOT = re.compile(r"(?<=^chambers/)\w+(?=/pressure$)")
+OF_A_ROBOT = re.compile(r"(?<=^chambers/)\w+(?=/pressure$)|(?<=^sensors/)\w+")
 """What a name has from the robot's own file: the policies allow any word there."""
 
 
@@ -211,10 +211,13 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
     tripod = load_scene(ROBOT)
     shown = folder / "shown.yaml"
     shown.write_text(f"extends: {tripod.source}\nname: tripod\nview: {{nodes: true, collisions: true}}\n")
+    felt = folder / "felt.yaml"
+    sensor = "{name: air, kind: chamber, joint: air}"
+    felt.write_text(f"extends: {load_scene('inflated_cube').source}\nsensors: [{sensor}]\n")
     with ExitStack() as ending:
         start = Running(ending)
         start("simulator", Simulator, backend="scipy", publish_clock=True, snapshot_folder=str(folder))
-        start("simulator", Simulator, robot="inflated_cube", backend="scipy", snapshot_folder=str(folder))
+        start("simulator", Simulator, robot=str(felt), backend="scipy", snapshot_folder=str(folder))
         start("inverse_controller", InverseControl)
         start("path_follower", PathFollower)
         start("observer", ObserverNode, marker_places="-0.02 0.0 0.03")

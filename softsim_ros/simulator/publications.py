@@ -26,6 +26,7 @@ from softsim_ros.qos import LATCHED
 from softsim_ros.simulator.chambers import ChamberPublications
 from softsim_ros.simulator.objects import ObjectPublications
 from softsim_ros.simulator.pacing import RateGate
+from softsim_ros.simulator.sensors import SensorPublications
 from softsim_ros.simulator.structure import StructurePublications
 from softsim_ros.simulator.transforms import FrameTree
 
@@ -84,6 +85,7 @@ class Publications:
         self._description = node.create_publisher(String, "robot_description", LATCHED)
         self._structure = StructurePublications(node)
         self._objects = ObjectPublications(node)
+        self._sensors = SensorPublications(node, frames.base)
         self.show_scene(simulation, overrides, scenes)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
@@ -97,6 +99,7 @@ class Publications:
         self._structure.show_scene(simulation, overrides, scenes)
         self._objects.show_scene(simulation, self._tree.of_body)
         self._chambers.show_scene(simulation)
+        self._sensors.show_scene(simulation, self._tree)
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 
     @property
@@ -158,6 +161,7 @@ class Publications:
             self._tf.publish(self._make_tf(transforms=self._tree.moving(simulation, stamp)))
         self._structure.publish(simulation, stamp, now, whole)
         self._objects.publish(simulation, stamp, now, whole)
+        self._sensors.publish(simulation, stamp, whole)
         points_due = self._mesh_gate is not None and _is_due(self._points, self._mesh_gate, now, whole)
         marker_due = self._template is not None and _is_due(self._marker, self._marker_gate, now, whole)
         if points_due or marker_due:

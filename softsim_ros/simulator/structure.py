@@ -75,7 +75,8 @@ def structure(
         names of those that the parameter `robot` takes; `places`, file and line of each part, by its steps
         such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
-        (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `zones`, each a
+        (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `body_names`, of
+        all bodies, by the numbers that `contacts/points` gives them; `zones`, each a
         rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics,
         of the meshes that belong to this generation.
     """
@@ -111,6 +112,7 @@ def structure(
         "dt": simulation.dt,
         "frames": list(simulation.frames()),
         "bodies": bodies,
+        "body_names": list(scene.body_names),
         "zones": zones,
         "checksums": {
             "mesh/topology": messages.mesh_checksum(

@@ -7,9 +7,10 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 
 from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import quaternion_of, rotation_of
+from softsim_core.mechanics.pose import quaternion_of, rotation_euler, rotation_of
+from softsim_core.sensing import ImuDescription
 from softsim_core.simulation import Simulation
-from softsim_ros.description.links import Link, links_of
+from softsim_ros.description.links import Link, links_of, moved_link
 from softsim_ros.frames import BASE_LINK, WORLD, RobotFrames
 from softsim_ros.messages import transform_stamped
 
@@ -42,6 +43,33 @@ class FrameTree:
             link.part.partition("/")[2]: link.name for link in links if link.part.startswith("rigid_bodies/")
         }
 
+        self._of_free = {link.part.partition("/")[2]: link.name for link in links if link.kind == "floating"}
+        self._scene = simulation.scene
+        units = [each for each in simulation.scene.sensors if isinstance(each, ImuDescription)]
+        taken = names | set(self._objects.values())
+        self._units = {
+            each.name: (each, f"{each.name}_sensor" if each.name in taken else each.name) for each in units
+        }
+
+    def of_sensor(self, name: str) -> str:
+        """The frame of a sensor that has one of its own, fixed in what it sits on: an IMU."""
+        return self._frames.of(self._units[name][1])
+
+    def of_place(self, name: str) -> str:
+        """The frame of what a sensor may sit on, by the name that the scene gives it."""
+        scene = self._scene
+        name = next((each.to for each in scene.attachments if each.name == name and each.to != "free"), name)
+        if name == WORLD:
+            return WORLD
+        if name in self._of_free:
+            return self._frames.of(self._of_free[name])
+        if joint := next((each for each in scene.joints if each.name == name and each.moves_frame), None):
+            return self._frames.of(moved_link(joint))
+        bodies = [body.name for body in scene.rigid_bodies]
+        if name in bodies:
+            return self.of_body(bodies.index(name), name)
+        return self._frames.of(name)  # the base of a joint
+
     def of_body(self, number: int, name: str) -> str:
         """The frame of a rigid body, by its number and name in the scene."""
         return self._frames.of(self._objects[number] if number in self._objects else self._carried[name])
@@ -49,7 +77,13 @@ class FrameTree:
     def still(self, stamp: Time) -> list[TransformStamped]:
         """What never moves: `world` to the base, and what is fixed to another link."""
         base = transform_stamped(stamp, WORLD, self._frames.base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-        return [base, *(self._transform(stamp, link, *link.pose(0.0)) for link in self._still)]
+        links = [self._transform(stamp, link, *link.pose(0.0)) for link in self._still]
+        return [base, *links, *(self._unit(stamp, unit, name) for unit, name in self._units.values())]
+
+    def _unit(self, stamp: Time, unit: ImuDescription, name: str) -> TransformStamped:
+        turn = quaternion_of(rotation_euler(np.radians(unit.pose.rotation_deg)))
+        parent, child = self.of_place(unit.on), self._frames.of(name)
+        return transform_stamped(stamp, parent, child, unit.pose.translation, turn)
 
     def moving(self, simulation: Simulation, stamp: Time) -> list[TransformStamped]:
         """What moves, as it is now."""

@@ -11,6 +11,8 @@ import pytest
 from softsim_core import Simulation, load_scene
 from softsim_core.errors import CommandError
 from softsim_core.mechanics.pose import rotation_of
+from softsim_core.sensing import ImuDescription
+from softsim_core.values import Placement
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
@@ -81,6 +83,23 @@ def test_every_rigid_body_has_the_frame_that_its_marker_names() -> None:
         assert [marker.ns for marker in markers] == [body.name for body in simulation.rigid_bodies]
         for marker, pose in zip(markers, simulation.rigid_poses, strict=True):
             np.testing.assert_allclose(poses[marker.header.frame_id][:3, 3], pose.position, atol=1e-9)
+
+
+def test_imus_have_frames_of_their_own_wherever_they_sit() -> None:
+    """Their frames turn gravity as they measure it at rest, and stand where what they sit on is."""
+    pose = Placement(translation=(0.01, -0.02, 0.03), rotation_deg=(20.0, -70.0, 130.0))
+    for scene, places in (
+        ("tripod_ball", ("servo_1", "servo_2_base", "centre", "servo_top_0", "ball", "world", "table")),
+        ("cable_gripper", ("base_2", "vertical", "cube")),
+    ):
+        sensors = tuple(ImuDescription(name=f"on_{place}", on=place, pose=pose) for place in places)
+        simulation = Simulation(load_scene(scene).with_scene(sensors=sensors), backend="scipy")
+        poses, tree = in_world(sent(simulation, "r/")), FrameTree(simulation, RobotFrames("r/"))
+        for place in places:
+            frame, carrier = poses[tree.of_sensor(f"on_{place}")], poses[tree.of_place(place)]
+            np.testing.assert_allclose(frame[:3, 3], (carrier @ [0.01, -0.02, 0.03, 1.0])[:3], atol=1e-12)
+            told = simulation.sensors[f"on_{place}"].value[:3]
+            np.testing.assert_allclose(frame[:3, :3] @ told, (0.0, 0.0, 9.81), atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,9 @@ def test_parts_tell_where_they_stand_in_the_file() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tripod", "cable_gripper", "tripod_maze", "tripod_step_4_3"])
+@pytest.mark.parametrize(
+    "name", ["tripod", "cable_gripper", "tripod_maze", "tripod_step_4_3", "sensed_finger"]
+)
 def test_every_field_can_be_laid_over_as_it_is_written(name: str) -> None:
     scene = load_scene(name)
     changes: dict[str, object] = {}
@@ -47,8 +49,9 @@ def test_every_field_can_be_laid_over_as_it_is_written(name: str) -> None:
         scene.joints,
         scene.scene.rigid_bodies,
     )
-    assert (again.scene.contact, again.view, again.inverse) == (
+    assert (again.scene.contact, again.scene.sensors, again.view, again.inverse) == (
         scene.scene.contact,
+        scene.scene.sensors,
         scene.view,
         scene.inverse,
     )
