@@ -8,6 +8,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.pose import cross
 from softsim_core.mechanics.state import State
 
 
@@ -54,9 +55,11 @@ class Carrier:
 
         What moves bases from outside, such as a shift of all bases, is not in it.
         """
-        if self.rigid >= 0:
-            velocity, spin = np.split(state.rigid_velocities[self.rigid], 2)
-            return velocity + np.cross(spin, point - state.rigid_positions[self.rigid]), spin
+        if self.rigid >= 0 or self.frame >= 0:
+            first = 6 * self.frame
+            of_frame, of_rigid = state.reduced_velocities[first : first + 6], state.rigid_velocities
+            velocity, spin = np.split(of_rigid[self.rigid] if self.rigid >= 0 else of_frame, 2)
+            return velocity + cross(spin, point - self.pose(model, state)[0]), spin
         moved = self.reduced(model)
         if not moved:
             return np.zeros(3), np.zeros(3)

@@ -4,8 +4,8 @@ Over a step from :math:`k-1` to :math:`k` of length h, with the velocity v of it
 
 .. math:: f = R^T \Bigl(\frac{v_k - v_{k-1}}{h} - g\Bigr)
 
-where R is its rotation in the middle of the step: the mean of the step, of second order in h for what turns
-evenly. The angular rate is the frame's spin at the end of the step in its own axes.
+where R is its rotation in the middle of the step, half a step's spin back: the mean of the step, of second
+order in h for what turns evenly. The angular rate is the frame's spin in its own axes.
 
 Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
 """
@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import rotation_exp, rotation_log
+from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.sensing.building import Scenery, SensorKind, both
 from softsim_core.sensing.description import PLACE, Reference, SimulatedSensorDescription
 from softsim_core.sensing.place import Place
@@ -77,8 +77,8 @@ class Imu(Sensor):
         """Specific force, then angular rate, shape (6,)."""
         model, place = seen.model, self._place
         (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
-        now, then = (place.pose(model, each)[1] for each in (seen.state, seen.before))
-        middle = rotation_exp(0.5 * rotation_log(now @ then.T)) @ then
+        now = place.pose(model, seen.state)[1]
+        middle = rotation_exp(-0.5 * model.dt * spin) @ now
         force = (velocity - earlier) / model.dt - model.gravity
         return np.concatenate([force @ middle, spin @ now])
 

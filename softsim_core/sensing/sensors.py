@@ -1,25 +1,15 @@
-"""All sensors of a scene: what each told last, when it tells anew, and its noise.
-
-The noise of a sample comes from a counter-based generator (Philox) with a key from the sensor's seed and name
-and a counter from the sample's number. So it depends on no other sensor, is the same again after a reset, and
-goes on in the same way from a snapshot, without any state of its own.
-
-Source: Salmon et al. 2011, Parallel random numbers: as easy as 1, 2, 3.
-"""
+"""All sensors of a scene: what each told last, and when it tells anew."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError, listing
 from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_core.sensing.noise import SampleNoise
 from softsim_core.sensing.sensor import Seen, Sensor
 
 
@@ -50,17 +40,15 @@ class Sensors:
 
     def __init__(self, built: Sequence[tuple[SimulatedSensorDescription, Sensor]], dt: float) -> None:
         self._built, self._dt = tuple(built), dt
-        self._keys = [_key(description) for description, _ in built]
+        self._noise = [SampleNoise(each.seed, each.name) for each, _ in built]
         self._told: dict[str, SensorReading] = {}
 
     def sample(self, step: int, seen: Seen, *, anew: bool = False) -> None:
         """Have those measure that are due after so many steps since the start; `anew`: all of them."""
-        for (description, sensor), key in zip(self._built, self._keys, strict=True):
+        for (description, sensor), noise in zip(self._built, self._noise, strict=True):
             number = self._number(description, step)
             if anew or number != self._number(description, step - 1):
-                generator = None
-                if sensor.random:
-                    generator = np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, number]))
+                generator = noise.of_sample(number) if sensor.random else None
                 value = sensor.disturbed(sensor.measure(seen), generator)
                 value.flags.writeable = False
                 self._told[description.name] = SensorReading(description, value, step * self._dt, number)
@@ -84,9 +72,3 @@ class Sensors:
 
     def __len__(self) -> int:
         return len(self._built)
-
-
-def _key(description: SimulatedSensorDescription) -> NDArray[np.uint64]:
-    """Key of a sensor's noise, two numbers of 64 bits."""
-    text = f"{description.seed} {description.name}".encode()
-    return np.frombuffer(hashlib.sha256(text).digest()[:16], dtype="<u8")

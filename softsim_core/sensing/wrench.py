@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import cross
 from softsim_core.sensing.building import Scenery, SensorKind, both
 from softsim_core.sensing.description import ANY_BODY, PLACE, Reference, SimulatedSensorDescription
 from softsim_core.sensing.place import Place
@@ -73,7 +74,7 @@ class WrenchSensor(Sensor):
         sign = own[:, 0].astype(float) - own[:, 1]
         forces = sign[:, None] * touching.forces
         origin, rotation = self._place.pose(seen.model, seen.state)
-        moment = np.cross(touching.points - origin, forces).sum(axis=0)
+        moment = cross(touching.points - origin, forces).sum(axis=0)
         return np.concatenate([forces.sum(axis=0) @ rotation, moment @ rotation])
 
 
