@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from softsim_core.errors import SceneError
 from softsim_core.registry import Registry
 from softsim_core.sensing.building import Scenery, SensorKind
 from softsim_core.sensing.cable import CABLE_SENSOR
@@ -32,8 +33,13 @@ def register_sensor(
         build: From a description, and what is around, to the sensor.
 
     Raises:
-        SceneError: the name is one of the package's own.
+        SceneError: the name is none, or one of the package's own.
     """
+    if not isinstance(description.kind, str) or not description.kind.isidentifier():
+        raise SceneError(
+            f"sensor kind {description.__name__} refused: give it `kind: ClassVar[str]`, a word of letters, "
+            "digits and underscores"
+        )
     _kinds.register(SensorKind(description, build))
 
 

@@ -187,7 +187,7 @@ def test_sensors_come_from_files_and_go_through_text(described: RobotDescription
         (
             "{name: a}",
             "sensors[0].kind",
-            "must be one of wrench, tactile, strain, imu, markers, cable, chamber, not absent",
+            "must be one of wrench, tactile, strain, imu, markers, cable, chamber",
         ),
         ("{name: a, kind: nose}", "sensors[0].kind", "not 'nose'"),
         ("3", "sensors[0]", "must be a mapping with keys among name, rate, seed"),
@@ -364,6 +364,9 @@ def test_a_user_s_own_kind_stands_in_files_as_the_package_s(tmp_path: Path) -> N
     assert simulation.sensors["up"].value == pytest.approx(simulation.frames()["middle"].position[2:])
 
 
-def test_a_kind_of_the_package_cannot_be_replaced() -> None:
+def test_a_kind_needs_a_name_and_cannot_be_one_of_the_package_s() -> None:
+    nameless = type("NamelessDescription", (SimulatedSensorDescription,), {"kind": "no name"})
+    with pytest.raises(SceneError, match="sensor kind NamelessDescription refused: give it"):
+        register_sensor(nameless, Height)
     with pytest.raises(SceneError, match="sensor kind 'cable' is the package's own"):
         register_sensor(CableSensorDescription, Height)
