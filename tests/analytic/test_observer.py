@@ -17,6 +17,7 @@ from softsim_core.observer.estimate import Estimate
 from softsim_core.observer.observer import Observer
 from softsim_core.observer.sensors import Sensor, effector_sensor, marker_sensors
 from softsim_core.observer.settings import ObserverSettings
+from softsim_core.sensing import MarkersDescription
 
 pytestmark = pytest.mark.slow
 
@@ -229,3 +230,25 @@ def test_a_step_takes_less_than_the_hundredth_of_a_second_that_it_stands_for() -
     for _ in range(100):
         bench.observer.step(HOME, seen)
     assert (thread_time() - begun) / 100.0 < 0.7 * bench.observer.dt
+
+
+def test_markers_as_a_sensor_of_the_scene_tells_them_guide_it() -> None:
+    """Every second step, with noise, a third of them not seen: NaN, which the observer leaves out."""
+    model = Simulation(ROBOT.robot_alone())
+    places = [each.weights @ model.positions[each.nodes] for each in sensors(model)[1:]]  # type: ignore[attr-defined]
+    camera = MarkersDescription(
+        name="camera", points=tuple(map(tuple, places)), noise=PLACE_NOISE, dropout=0.33, rate=50.0
+    )
+    bench = Bench()
+    seeing = Simulation(ROBOT.robot_alone().with_scene(sensors=(camera,)))
+    seeing.enforce_limits = False
+    seeing.set_material("silicone", young_modulus=SOFTER * 250e3)
+    bench.robot = seeing
+    bench._load()
+    place(seeing, HOME + ZEROS, SHIFT)
+    for _ in range(150):
+        told = seeing.sensors["camera"]
+        fresh = {f"marker_{k}": at for k, at in enumerate(told.value)} if told.time == seeing.time else {}
+        bench.step(HOME, fresh)
+    assert bench.observer.sensors.keys() >= fresh.keys()
+    assert bench.error(bench.observer.model) < 0.5 * bench.error(bench.alone)
