@@ -7,7 +7,8 @@ around it; the pressure of a cell C of area A is
 .. math:: p_C = \frac1A \sum_v f_v \frac{\int_C \varphi_v}{\int \varphi_v}
 
 so the sum of pressure times area over all cells is the force on the patch, exactly. The integrals are over
-the patch at rest, seen along the z axis of its box.
+the patch at rest, seen along the z axis of its box. On a rigid body, whose triangles may be as large as a
+face, each contact presses on the cell that it lies in.
 """
 
 from __future__ import annotations
@@ -18,19 +19,17 @@ from typing import ClassVar
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.dynamics.report import ContactReport
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.sensing.building import Scenery, SensorKind
 from softsim_core.sensing.description import ANY_BODY, Reference, SimulatedSensorDescription
+from softsim_core.sensing.grid import Grid, grid_over, spread_over
 from softsim_core.sensing.sensor import Seen, Sensor
 from softsim_core.values import Box, FieldError
 
-_FINE = 4
-"""Triangles are cut into parts of at most a cell's edge by this, for the integrals."""
-_MOST_CUTS = 64
 _MOST_CELLS = 65_536
-_FLAT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,35 +72,64 @@ class TactileArrayDescription(SimulatedSensorDescription):
 
 
 class TactileArray(Sensor):
-    """See the module.
+    """An array on a surface that deforms: see the module.
 
     Args:
-        spread: Share of a normal force on each collision vertex that each cell feels, by the cell's area, in
-            [1/m^2], shape (rows columns, v).
-        shape: Rows and columns.
+        spread: Share of a force on each collision vertex that each cell feels, see grid.spread_over.
+        grid: Its cells.
+        body: Number of the body.
+        noise, bias: Of a cell in [Pa].
+    """
+
+    def __init__(self, spread: csr_array, grid: Grid, body: int, noise: float, bias: float) -> None:
+        super().__init__(noise, bias)
+        self._spread, self._grid, self._body = spread, grid, body
+
+    def measure(self, seen: Seen) -> Array:
+        """Pressures in [Pa], shape (rows, columns)."""
+        vertices, weights, pressing = pressed(seen.contacts, self._body)
+        forces = np.bincount(
+            vertices.ravel(), (pressing[:, None] * weights).ravel(), minlength=self._spread.shape[1]
+        )
+        return np.asarray(self._spread @ forces).reshape(self._grid.rows, self._grid.columns)
+
+
+class RigidTactileArray(Sensor):
+    """An array on a surface that does not: each contact presses on the cell that it lies in.
+
+    Args:
+        patch: Whether each collision vertex belongs to the patch, shape (v,).
+        places: Where they are in the plane of the grid in [m], shape (v, 2).
+        grid: Its cells.
         body: Number of the body.
         noise, bias: Of a cell in [Pa].
     """
 
     def __init__(
-        self, spread: csr_array, shape: tuple[int, int], body: int, noise: float, bias: float
+        self, patch: BoolArray, places: Array, grid: Grid, body: int, noise: float, bias: float
     ) -> None:
         super().__init__(noise, bias)
-        self._spread, self._shape, self._body = spread, shape, body
+        self._patch, self._places, self._grid, self._body = patch, places, grid, body
 
     def measure(self, seen: Seen) -> Array:
         """Pressures in [Pa], shape (rows, columns)."""
-        touching = seen.contacts
-        if not len(touching.points):
-            return np.zeros(self._shape)
-        pressing = np.maximum(np.einsum("ki,ki->k", touching.forces, touching.normals), 0.0)
-        own = np.repeat(touching.bodies == self._body, 3, axis=1)
-        shares = pressing[:, None] * np.where(own, touching.weights, 0.0)
-        forces = np.bincount(touching.vertices.ravel(), shares.ravel(), minlength=self._spread.shape[1])
-        return np.asarray(self._spread @ forces).reshape(self._shape)
+        vertices, weights, pressing = pressed(seen.contacts, self._body)
+        pressing = np.where((self._patch[vertices] | (weights == 0.0)).all(axis=1), pressing, 0.0)
+        cells = self._grid.cell(np.einsum("kc,kci->ki", weights, self._places[vertices]))
+        shape = (self._grid.rows, self._grid.columns)
+        forces = np.bincount(cells, pressing, minlength=shape[0] * shape[1])
+        return np.asarray(forces / self._grid.area).reshape(shape)
 
 
-def _built(described: TactileArrayDescription, scenery: Scenery) -> TactileArray:
+def pressed(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Array]:
+    """Contacts on a body: vertices of its surface (k, 3), their weights (k, 3), forces along normals (k,)."""
+    along = np.maximum(np.einsum("ki,ki->k", contacts.forces, contacts.normals), 0.0)
+    which, side = np.nonzero(contacts.bodies == body)
+    corner = 3 * side[:, None] + np.arange(3)
+    return contacts.vertices[which[:, None], corner], contacts.weights[which[:, None], corner], along[which]
+
+
+def _built(described: TactileArrayDescription, scenery: Scenery) -> Sensor:
     surfaces = scenery.surfaces_of(described.body)
     if not surfaces:
         raise SceneError(
@@ -121,61 +149,18 @@ def _built(described: TactileArrayDescription, scenery: Scenery) -> TactileArray
             f"box; move or enlarge it (they span {seen.min(axis=0).round(6).tolist()} to "
             f"{seen.max(axis=0).round(6).tolist()} m along its axes, from its centre)"
         )
-    spread = spread_over(patch, local[:, :2], described.rows, described.columns)
-    if spread is None:
+    places, number = local[:, :2], scenery.body_names.index(described.body)
+    grid = grid_over(patch, places, described.rows, described.columns)
+    if grid is None:
         raise SceneError(
             f"{described.owner}: along the z axis of its box the patch has no area; turn the box by "
             "rotation_deg"
         )
-    number = scenery.body_names.index(described.body)
-    shape = (described.rows, described.columns)
-    return TactileArray(spread, shape, number, described.noise, described.bias)
-
-
-def spread_over(patch: IndexArray, seen: Array, rows: int, columns: int) -> csr_array | None:
-    """How cells of a grid share forces on vertices, by area; see TactileArray.
-
-    Args:
-        patch: Triangles, shape (m, 3).
-        seen: Where all vertices are in the plane of the grid in [m], shape (v, 2).
-        rows: Of the grid, which covers the patch, along the second axis.
-        columns: Along the first axis.
-
-    Returns:
-        In [1/m^2], shape (rows columns, v); None: the patch has no area in this plane.
-    """
-    corners = seen[patch]
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    edge = (high - low) / (columns, rows)
-    sides = np.roll(corners, -1, axis=1) - corners
-    area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-    if not area.max() > _FLAT * float(np.linalg.norm(high - low)) ** 2:
-        return None
-    cuts = np.ceil(_FINE * (np.abs(sides) / edge).max(axis=(1, 2))).astype(int).clip(1, _MOST_CUTS)
-    cells, vertices, values = [], [], []
-    for count in np.unique(cuts).tolist():
-        chosen, middles = np.flatnonzero(cuts == count), _middles(count)
-        places = np.einsum("qa,mai->mqi", middles, corners[chosen])
-        column, row = np.moveaxis(np.floor((places - low) / edge).astype(int), 2, 0)
-        cell = row.clip(0, rows - 1) * columns + column.clip(0, columns - 1)
-        share = area[chosen][:, None, None] / len(middles) * middles[None]
-        cells.append(np.repeat(cell[:, :, None], 3, axis=2).ravel())
-        vertices.append(np.repeat(patch[chosen][:, None], len(middles), axis=1).ravel())
-        values.append(share.ravel())
-    entries = (np.concatenate(values), (np.concatenate(cells), np.concatenate(vertices)))
-    spread = csr_array(entries, shape=(rows * columns, len(seen)))
-    whole = np.asarray(spread.sum(axis=0)).ravel() * float(edge.prod())
-    spread.data /= np.where(whole > 0.0, whole, 1.0)[spread.indices]
-    return spread
-
-
-def _middles(count: int) -> Array:
-    """Centres of the `count` squared equal parts of a triangle, as shares of its corners, shape (q, 3)."""
-    i, j = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
-    upward, downward = i + j < count, i + j < count - 1
-    first = np.concatenate([i[upward] + 1.0 / 3.0, i[downward] + 2.0 / 3.0]) / count
-    second = np.concatenate([j[upward] + 1.0 / 3.0, j[downward] + 2.0 / 3.0]) / count
-    return np.column_stack([1.0 - first - second, first, second])
+    if described.body in scenery.soft.meshes:
+        spread = spread_over(patch, places, grid)
+        return TactileArray(spread, grid, number, described.noise, described.bias)
+    chosen = np.isin(np.arange(len(places)), patch)
+    return RigidTactileArray(chosen, places, grid, number, described.noise, described.bias)
 
 
 TACTILE = SensorKind(TactileArrayDescription, _built)

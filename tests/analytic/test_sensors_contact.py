@@ -14,8 +14,9 @@ from softsim_core import Simulation
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import AttachmentDescription, SceneDescription
+from softsim_core.scene.objects import RigidBodyDescription
 from softsim_core.sensing import TactileArrayDescription, WrenchSensorDescription
-from softsim_core.values import Box
+from softsim_core.values import Box, Placement
 
 SIDE, EDGE, MASS = 0.06, 0.03, 0.1
 """Of the pad, and edge in [m] and mass in [kg] of the cube on it."""
@@ -107,3 +108,29 @@ def test_wrenches_of_a_stack_are_the_weights_above() -> None:
     np.testing.assert_allclose(told["both"][:3], turn.inv().apply(-weights[0]), atol=5e-3)
     np.testing.assert_allclose(told["both"][3:], 0.0, atol=1e-4)  # at rest, about the centre of mass
     assert (told["none"] == 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_rigid_plate_feels_where_a_soft_foot_stands(seed: int) -> None:
+    """Two triangles carry the whole face: the force is felt below the foot, nowhere else."""
+    rng = np.random.default_rng(seed)
+    at, side = rng.uniform(-0.02, 0.02, 2), 0.02
+    mesh = box_mesh((side,) * 3, (3, 3, 3), (at[0] - side / 2, at[1] - side / 2, 0.0011))
+    foot = body(mesh, "foot", young_modulus=3e5, total_mass=MASS)
+    plate = RigidBodyDescription(
+        name="plate", shape=Shape(box=(0.1, 0.1, 0.01)), pose=Placement(translation=(0.0, 0.0, -0.005))
+    )
+    box = Box(center=(0.0, 0.0, 0.0), size=(0.2, 0.2, 0.002))
+    skin = TactileArrayDescription(name="skin", body="plate", box=box, rows=50, columns=40)
+    scene = touching(plate, soft=(foot,), backend="scipy", rayleigh_stiffness=0.02, rayleigh_mass=2.0)
+    simulation = Simulation(replace(scene, sensors=(skin,)))
+    for _ in range(100):
+        simulation.step()
+    forces = simulation.sensors["skin"].value * (0.1 / 50) * (0.1 / 40)
+    assert forces.sum() == pytest.approx(MASS * GRAVITY, rel=1e-2)
+    y, x = (0.1 * ((np.arange(n) + 0.5) / n - 0.5) for n in forces.shape)
+    centre = np.array([forces.sum(axis=0) @ x, forces.sum(axis=1) @ y]) / forces.sum()
+    np.testing.assert_allclose(centre, at, atol=1.5e-3)
+    rows, columns = np.nonzero(forces)
+    assert np.abs(x[columns] - at[0]).max() < side / 2 + 2.5e-3
+    assert np.abs(y[rows] - at[1]).max() < side / 2 + 2.5e-3
