@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.mechanics.pose import quaternion_of, rotation_exp, rotation_of
 from softsim_core.sensing.building import Scenery, SensorKind, both
 from softsim_core.sensing.description import PLACE, Reference, SimulatedSensorDescription
 from softsim_core.sensing.place import Place
@@ -31,7 +31,8 @@ class ImuDescription(SimulatedSensorDescription):
     """Accelerometer and gyroscope on something that moves rigidly: specific force [m/s^2], rate [rad/s].
 
     The specific force is the acceleration less gravity: at rest it points up. It is the mean over the last
-    step, in the unit's own axes.
+    step, in the unit's own axes. A unit that works out its orientation tells it behind, as a quaternion
+    (x, y, z, w).
 
     Attributes:
         on: What it sits on: an attachment (a free frame, or what its region is attached to), a joint with a
@@ -41,6 +42,8 @@ class ImuDescription(SimulatedSensorDescription):
         gyroscope_noise: The same in [rad/s].
         accelerometer_bias: In [m/s^2].
         gyroscope_bias: In [rad/s].
+        orientation_noise: Standard deviation in [rad], about each axis, of the orientation in the world that
+            it tells; None: it tells none.
     """
 
     kind: ClassVar[str] = "imu"
@@ -50,10 +53,12 @@ class ImuDescription(SimulatedSensorDescription):
     gyroscope_noise: float = 0.0
     accelerometer_bias: Vector = (0.0, 0.0, 0.0)
     gyroscope_bias: Vector = (0.0, 0.0, 0.0)
+    orientation_noise: float | None = None
 
     def check(self) -> None:
         """See SimulatedSensorDescription."""
         self.need_noise(accelerometer_noise=self.accelerometer_noise, gyroscope_noise=self.gyroscope_noise)
+        self.need_noise(orientation_noise=self.orientation_noise or 0.0)
         self.need_bias(accelerometer_bias=self.accelerometer_bias, gyroscope_bias=self.gyroscope_bias)
 
     def references(self) -> tuple[Reference, ...]:
@@ -67,20 +72,35 @@ class Imu(Sensor):
     Args:
         place: The frame.
         noise, bias: Of specific force and angular rate, shape (6,).
+        turning: Noise of the orientation in [rad]; None: it tells none.
     """
 
-    def __init__(self, place: Place, noise: Array, bias: Array) -> None:
+    def __init__(self, place: Place, noise: Array, bias: Array, turning: float | None = None) -> None:
         super().__init__(noise, bias)
-        self._place = place
+        self._place, self._turning = place, turning
+
+    @property
+    def random(self) -> bool:
+        """See Sensor."""
+        return bool(self.noise.any() or self._turning)
 
     def measure(self, seen: Seen) -> Array:
-        """Specific force, then angular rate, shape (6,)."""
+        """Specific force, angular rate, and the orientation where it is told, shape (6,) or (10,)."""
         model, place = seen.model, self._place
         (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
         now = place.pose(model, seen.state)[1]
         middle = rotation_exp(-0.5 * model.dt * spin) @ now
         force = (velocity - earlier) / model.dt - model.gravity
-        return np.concatenate([force @ middle, spin @ now])
+        told = (force @ middle, spin @ now)
+        return np.concatenate(told if self._turning is None else (*told, quaternion_of(now)))
+
+    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+        """See Sensor; an orientation is turned a little further, about axes of the unit."""
+        told = super().disturbed(value[:6], generator)
+        if self._turning is None or generator is None:
+            return np.concatenate([told, value[6:]])
+        turn = rotation_exp(self._turning * generator.standard_normal(3))
+        return np.concatenate([told, quaternion_of(rotation_of(value[6:]) @ turn)])
 
 
 def _built(described: ImuDescription, scenery: Scenery) -> Imu:
@@ -88,6 +108,7 @@ def _built(described: ImuDescription, scenery: Scenery) -> Imu:
         scenery.places[described.on].within(described.pose),
         both(described.accelerometer_noise, described.gyroscope_noise),
         both(described.accelerometer_bias, described.gyroscope_bias),
+        described.orientation_noise,
     )
 
 

@@ -66,14 +66,19 @@ def read_tactile_image(message: Image) -> Array:
 
 
 def imu(header: Header, reading: SensorReading) -> Imu:
-    """Specific force and angular rate, with the variances of their noise; there is no orientation."""
+    """Specific force, angular rate and orientation with the variances of their noise; -1: no orientation."""
     described = reading.description
     assert isinstance(described, ImuDescription)
     message = Imu(header=header)
-    message.linear_acceleration, message.angular_velocity = _vectors(reading.value)
+    message.linear_acceleration, message.angular_velocity = _vectors(reading.value[:6])
     message.linear_acceleration_covariance[0:9:4] = [described.accelerometer_noise**2] * 3
     message.angular_velocity_covariance[0:9:4] = [described.gyroscope_noise**2] * 3
-    message.orientation_covariance[0] = -1.0
+    if described.orientation_noise is None:
+        message.orientation_covariance[0] = -1.0
+    else:
+        message.orientation_covariance[0:9:4] = [described.orientation_noise**2] * 3
+        turn = message.orientation
+        turn.x, turn.y, turn.z, turn.w = reading.value[6:].tolist()
     return message
 
 
