@@ -18,7 +18,7 @@ import softsim_core as core  # noqa: E402
 GROUPS: dict[str, str] = {
     "Running": (
         "Simulation load_scene known_scenes find_config RunningSimulation StepReport StaticSolution "
-        "ContactReport CableView"
+        "ContactReport CableView ChamberView"
     ),
     "What is simulated": (
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "

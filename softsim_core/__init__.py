@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         register_actuator,
     )
     from softsim_core.actuation.cable import CableDescription, CableView
-    from softsim_core.actuation.chamber import ChamberDescription
+    from softsim_core.actuation.chamber import ChamberDescription, ChamberView
     from softsim_core.actuation.line import line_stiffness
     from softsim_core.actuation.trajectory import JointTrajectory
     from softsim_core.contact.settings import ContactSettings
@@ -170,6 +170,7 @@ __all__ = [
     "Camera",
     "ChamberDescription",
     "ChamberSensorDescription",
+    "ChamberView",
     "CollisionDescription",
     "CommandColumns",
     "CommandError",
@@ -313,7 +314,7 @@ _NAMES = {
         "register_actuator"
     ),
     "softsim_core.actuation.cable": "CableDescription CableView",
-    "softsim_core.actuation.chamber": "ChamberDescription",
+    "softsim_core.actuation.chamber": "ChamberDescription ChamberView",
     "softsim_core.actuation.line": "line_stiffness",
     "softsim_core.actuation.trajectory": "JointTrajectory",
     "softsim_core.contact.settings": "ContactSettings",
