@@ -134,7 +134,7 @@ def equilibria(
     near = {} if near is None else near
     simulation = Simulation(robot.robot_alone())
     places, start = Places(simulation, sensors), np.array(robot.start_joints)
-    walk = _Walk(simulation, start, robot.start_shift)
+    walk = _Walk(simulation, start, robot.start_shift, near)
     different, same = np.unique(commands, axis=0, return_inverse=True)
     first = np.array([int(np.flatnonzero(same == k)[0]) for k in range(len(different))])
     if order == "nearest":
@@ -166,12 +166,17 @@ class _Walk:
     Bodies may be drawn far from any equilibrium, so even the first is reached by way of the start pose.
     """
 
-    def __init__(self, simulation: Simulation, start: Array, shift: float) -> None:
+    def __init__(self, simulation: Simulation, start: Array, shift: float, near: Near) -> None:
         self._simulation, self._start, self._shift = simulation, start, shift
         joints = simulation.model.joints
         self.rest = np.array([joint.rest for joint in joints])
         self._moving = np.array([joint.moves_frame for joint in joints], dtype=np.bool_)
-        self._settled(start)
+        home = tuple(start.tolist())
+        found = self._settled(start, self._here(*near[home])) if home in near else None
+        if found is None:
+            found = self._settled(start)
+        if found is not None:
+            near[home] = found, self.rest
         self._home = simulation.snapshot()
 
     def to(self, joints: Array, near: tuple[State, Array] | None) -> State | None:
