@@ -68,8 +68,7 @@ def test_the_lifecycle_is_closed_then_open_then_sending(
     assert nominal <= {round(math.radians(value - 179), 9) for value in sent}
 
     client.transition("deactivate")
-    assert board.wait_for(at(*REST))
-    assert [packet.servo_bytes for packet in board.packets[-3:]] == [REST] * 3
+    assert board.wait_for(lambda b: [packet.servo_bytes for packet in b.packets[-3:]] == [REST] * 3)
     before = board.received
     assert client.state() == "inactive"
     client.transition("activate")
