@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 
 from softsim_core.arrays import Array, BoolArray, IndexArray
 
 _CHUNK = 256
+_PAIRS = 1 << 20
+"""So many pairs of boxes are looked at together."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of a coordinate, with some room: volumes that this may make are none."""
 _SHIFTS = 1.0e-6 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
@@ -33,15 +36,46 @@ def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | No
         corners: Corners in [m], shape (k, 3, 3).
         triangles: Their vertices, shape (k, 3).
     """
-    for start in range(0, len(triangles), _CHUNK):
-        i, j = _boxes_meet(corners[start : start + _CHUNK], corners)
-        i += start
+    found = crossings(corners, triangles)
+    return (int(found[0, 0]), int(found[0, 1])) if len(found) else None
+
+
+def crossings(corners: Array, triangles: IndexArray) -> IndexArray:
+    """All pairs of triangles of one surface that have no vertex in common and cross, shape (c, 2), ascending.
+
+    Args:
+        corners: Corners in one unit, shape (k, 3, 3).
+        triangles: Their vertices, shape (k, 3).
+    """
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for i, j in _near_pairs(corners):
         strangers = (triangles[i][:, :, None] != triangles[j][:, None, :]).all(axis=(1, 2))
         i, j = i[strangers], j[strangers]
-        hit = np.flatnonzero(_pierce(corners[i], corners[j]))
-        if len(hit):
-            return int(i[hit[0]]), int(j[hit[0]])
-    return None
+        hit = _pierce(corners[i], corners[j]) | _pierce(corners[j], corners[i])
+        found.append(np.sort(np.column_stack([i, j])[hit], axis=1))
+    pairs = np.concatenate(found)
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _near_pairs(corners: Array) -> Iterator[tuple[IndexArray, IndexArray]]:
+    """Pairs of triangles whose boxes have a point in common, each once: a sweep along the longest axis."""
+    if not len(corners):
+        return
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    axis = int(np.ptp(corners, axis=(0, 1)).argmax())
+    order = np.argsort(low[:, axis], kind="stable")
+    low, high = low[order], high[order]
+    ahead = np.searchsorted(low[:, axis], high[:, axis], side="right") - np.arange(1, len(order) + 1)
+    ends = np.cumsum(ahead)
+    start = 0
+    while start < len(order):
+        stop = max(start + 1, int(np.searchsorted(ends, ends[start] - ahead[start] + _PAIRS, side="right")))
+        count = ahead[start:stop]
+        i = np.repeat(np.arange(start, stop), count)
+        j = i + 1 + np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
+        meet = ((low[i] <= high[j]) & (high[i] >= low[j])).all(axis=1)
+        yield order[i[meet]], order[j[meet]]
+        start = stop
 
 
 def _any_crosses(first: Array, second: Array) -> bool:

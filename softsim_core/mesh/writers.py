@@ -1,4 +1,4 @@
-"""Writing meshes: legacy VTK for tetrahedra, binary STL for surfaces."""
+"""Writing meshes: legacy VTK or Gmsh for tetrahedra, binary STL for surfaces."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ from softsim_core.mesh.surface import triangle_normals
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
 _VTK_TETRAHEDRON, _VTK_QUADRATIC_TETRAHEDRON = 10, 24
+_GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON = 4, 11
 
 
 def write_tets(path: Path, mesh: TetMesh) -> Path:
-    """Write tetrahedra as a binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32, lossless).
+    """Write tetrahedra; the suffix chooses the format, both lossless.
+
+    `.msh` is Gmsh 2.2 as text; anything else a binary legacy VTK 2.0 unstructured grid (big-endian float64
+    and int32).
 
     Returns:
         The path.
@@ -22,22 +26,40 @@ def write_tets(path: Path, mesh: TetMesh) -> Path:
     Raises:
         MeshError: the file cannot be written.
     """
+    _write(path, *(_gmsh(mesh) if path.suffix.lower() == ".msh" else _vtk(mesh)))
+    return path
+
+
+def _vtk(mesh: TetMesh) -> list[bytes]:
     n, (m, corners) = len(mesh.points), mesh.tets.shape
     kind = _VTK_TETRAHEDRON if mesh.order == 1 else _VTK_QUADRATIC_TETRAHEDRON
     cells = np.column_stack([np.full(m, corners), mesh.tets]).astype(">i4")
     title = mesh.name.encode("ascii", "replace").splitlines()[0] if mesh.name else b"mesh"
-    _write(
-        path,
+    return [
         b"# vtk DataFile Version 2.0\n" + title[:255] + b"\nBINARY\nDATASET UNSTRUCTURED_GRID\n",
         f"POINTS {n} double\n".encode() + mesh.points.astype(">f8").tobytes(),
         f"\nCELLS {m} {cells.size}\n".encode() + cells.tobytes(),
         f"\nCELL_TYPES {m}\n".encode() + np.full(m, kind, ">i4").tobytes() + b"\n",
+    ]
+
+
+def _gmsh(mesh: TetMesh) -> list[bytes]:
+    """Elements of one volume without physical groups; Gmsh has the last two nodes the other way."""
+    kind = _GMSH_TETRAHEDRON if mesh.order == 1 else _GMSH_QUADRATIC_TETRAHEDRON
+    cells = (mesh.tets if mesh.order == 1 else mesh.tets[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]) + 1
+    nodes = (f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.points.tolist(), start=1))
+    elements = (
+        f"{k} {kind} 2 0 1 {' '.join(map(str, cell))}" for k, cell in enumerate(cells.tolist(), start=1)
     )
-    return path
+    lines = [
+        *("$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(mesh.points)), *nodes, "$EndNodes"),
+        *("$Elements", str(len(cells)), *elements, "$EndElements", ""),
+    ]
+    return ["\n".join(lines).encode()]
 
 
-def write_surface(path: Path, surface: SurfaceMesh) -> Path:
-    """Write triangles as binary STL (float32).
+def write_surface(path: Path, surface: SurfaceMesh, unit: str = "metres") -> Path:
+    """Write triangles as binary STL (float32), whose header names the unit of the points.
 
     Returns:
         The path.
@@ -50,7 +72,7 @@ def write_surface(path: Path, surface: SurfaceMesh) -> Path:
     facets = np.zeros(len(normals), np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")]))
     facets["vectors"][:, 0] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
     facets["vectors"][:, 1:] = surface.points[surface.triangles]
-    header = b"binary STL, lengths in metres".ljust(80, b"\0")
+    header = f"binary STL, lengths in {unit}".encode().ljust(80, b"\0")
     _write(path, header, np.uint32(len(normals)).astype("<u4").tobytes(), facets.tobytes())
     return path
 

@@ -43,6 +43,10 @@ COMMANDS = {
     "material": Command(
         "softsim_ros.cli.material", "list elastomers; draw one's curve, say its stiffness and a time step"
     ),
+    "mesh": Command(
+        "softsim_ros.cli.mesh",
+        "fill a part (STL, OBJ, PLY, OFF) with tetrahedra, say what they are worth",
+    ),
     "urdf": Command("softsim_ros.cli.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"

@@ -20,7 +20,9 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-EXTRAS = "test,viewer,recording,report,c3d"  # of pyproject.toml, on every machine; ros where its wheels fit
+EXTRAS = (
+    "test,viewer,recording,report,c3d,mesh"  # of pyproject.toml, on every machine; ros where its wheels fit
+)
 NEEDED_BYTES = 1_500_000_000  # measured: 1.1 GB on disk, and the wheels pass through a cache
 TAIL_LINES, TAIL_COLUMNS = 15, 200
 BEAT_S = 0.2  # of the moving line in a terminal

@@ -97,7 +97,7 @@ def test_what_a_launch_starts_is_named_in_package_xml(tmp_path: Path) -> None:
 
 def test_what_pip_adds_under_ubuntu_is_what_the_project_asks_for() -> None:
     project = (REPOSITORY / "pyproject.toml").read_text()
-    asked = set(re.findall(r'^\s+"([a-z0-9]+[<>=][^";]*)"', project, re.MULTILINE))
+    asked = set(re.findall(r'^\s+"([a-z0-9-]+[<>=][^";]*)"', project, re.MULTILINE))
     lines = (REPOSITORY / "ros2_ws" / "pip-requirements.txt").read_text().splitlines()
     added = {line.partition("#")[0].strip() for line in lines} - {""}
     assert added <= asked

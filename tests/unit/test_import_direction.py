@@ -71,6 +71,7 @@ LAYERS = (
     ("mechanics",),
     ("actuation",),
     ("contact",),
+    ("meshing",),
     ("dynamics",),
     ("sensing",),
     ("scene",),

@@ -25,6 +25,11 @@ OPTIONAL = {  # import name -> distribution, and what needs it
     "viser": ("viser", "web page (up without --no-viewer, viewer:=true)"),
     "rosbags": ("rosbags", "record, replay, export and report"),
     "c3d": ("c3d", "motion capture files (C3D) in validate and calibrate"),
+    "pytetwild": ("pytetwild", "meshes of parts (mesh, new)"),
+    "fast_simplification": (
+        "fast-simplification",
+        "surfaces of over 40 000 triangles (mesh, new)",
+    ),
     "matplotlib": ("matplotlib", "charts of report, pictures of workspace --out"),
 }
 OLDEST, NEWEST = (3, 10), (3, 13)

@@ -1,0 +1,164 @@
+"""Filling a closed surface with tetrahedra, in a process of its own with limits of time and memory."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MeshError
+from softsim_core.mesh.checks import tet_volumes
+from softsim_core.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.meshing.tetwild import compiled_part
+
+COMMAND = (sys.executable, "-I", str(Path(__file__).with_name("tetwild.py")))
+"""The mesher: it gets the names of a file to read and of one to write."""
+ENERGIES = {10.0: 0.25, 30.0: 0.75}
+"""The mesher stops where its worst element is so good (3 is regular), and has this share of its time for it.
+
+Where it does not get there, less is asked for. Worst angles with 10 are 12 to 24 degrees; with 7 they are 17 to
+25, but it then often goes on for ever.
+"""
+_TAIL = 160
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filling:
+    """How a surface is filled.
+
+    Attributes:
+        envelope: How far the mesh's boundary may be from the surface, of the diagonal.
+        coarsen: Make edges as long as the shape of elements allows, longer than wished.
+        time_limit: In [s].
+        memory: In bytes.
+    """
+
+    envelope: float = 1.0e-3
+    coarsen: bool = False
+    time_limit: float = 300.0
+    memory: int = 6 << 30
+
+
+def have_mesher() -> bool:
+    """Whether the mesher is installed."""
+    return compiled_part() is not None
+
+
+def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, ...] = COMMAND) -> TetMesh:
+    """Linear tetrahedra inside a closed surface, all positively oriented; not the same ones every time.
+
+    Args:
+        surface: Closed, outward, in [m].
+        edge: Wished length of edges in [m].
+        how: Accuracy and limits.
+        command: The mesher.
+
+    Raises:
+        MeshError: the mesher is not installed, takes too long, ends in an error, or makes nothing.
+    """
+    name = surface.name
+    if command is COMMAND and not have_mesher():
+        raise MeshError(name, "cannot be filled without pytetwild; pip install 'softsim[mesh]'")
+    middle = surface.points.mean(axis=0)
+    scale = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    with tempfile.TemporaryDirectory(prefix="softsim-mesh-") as folder:
+        given, made = Path(folder, "surface.npz"), Path(folder, "tets.npz")
+        for energy, share in ENERGIES.items():
+            np.savez(
+                given,
+                points=(surface.points - middle) / scale,
+                triangles=surface.triangles,
+                edge=edge / scale,
+                envelope=how.envelope,
+                energy=energy,
+                coarsen=how.coarsen,
+                memory=how.memory,
+            )
+            if _run((*command, str(given), str(made)), folder, share * how.time_limit, name):
+                break
+        else:
+            raise MeshError(
+                name,
+                f"the mesher was stopped after {how.time_limit:g} s; ask for a coarser mesh (--size, "
+                "--nodes), allow more deviation (--deviation) or more time (--time-limit)",
+            )
+        try:
+            with np.load(made) as result:
+                points, tets = result["points"], result["tets"]
+        except (OSError, ValueError, KeyError) as error:
+            raise MeshError(name, f"the mesher wrote no mesh ({error}); try another size") from error
+    if not len(tets):
+        raise MeshError(
+            name,
+            "the mesher found nothing inside: its walls are thinner than what the mesh may deviate; allow "
+            "less with --deviation",
+        )
+    return _tidy(middle + scale * np.asarray(points, dtype=np.float64), tets.astype(np.int64), name)
+
+
+def _run(command: tuple[str, ...], folder: str, time_limit: float, name: str) -> bool:
+    """Whether it ended in time.
+
+    Raises:
+        MeshError: it ended in an error.
+    """
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        cwd=folder,  # the mesher writes into it
+    ) as process:
+        try:
+            _, error = process.communicate(timeout=time_limit)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return False
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise MeshError(name, f"the mesher {_why(process.returncode, error.decode(errors='replace'))}")
+    return True
+
+
+def _why(code: int, error: str) -> str:
+    """What ended the mesher, and what to do."""
+    if "MemoryError" in error or "bad_alloc" in error:
+        return "ran out of memory; ask for a coarser mesh (--size, --nodes)"
+    if code < 0:
+        try:
+            how = signal.Signals(-code).name
+        except ValueError:
+            how = f"signal {-code}"
+        return f"crashed ({how}); try another --size, or repair the surface in the CAD program"
+    lines = error.strip().splitlines()
+    return f"failed ({(lines[-1] if lines else f'exit code {code}')[:_TAIL]}); try another --size"
+
+
+def _tidy(points: Array, tets: IndexArray, name: str) -> TetMesh:
+    """Positively oriented and without unused points."""
+    wrong = tet_volumes(points, tets) < 0.0
+    tets[wrong] = tets[wrong][:, [0, 1, 3, 2]]
+    used, numbers = np.unique(tets, return_inverse=True)
+    return TetMesh(np.ascontiguousarray(points[used]), numbers.reshape(-1, 4).astype(np.int64), name)
+
+
+def pieces(mesh: TetMesh) -> IndexArray:
+    """Numbers of tetrahedra in each piece that hangs together by faces, largest first."""
+    faces = np.sort(mesh.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = np.flatnonzero((faces[order][1:] == faces[order][:-1]).all(axis=1))
+    rows, columns = order[same] // 4, order[same + 1] // 4
+    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(mesh.tets),) * 2)
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(np.sort(np.bincount(label))[::-1], dtype=np.int64)

@@ -1,0 +1,79 @@
+"""The mesher, alone in a process: `python .../tetwild.py IN.npz OUT.npz`; of this suite it imports nothing.
+
+It loads the compiled part of pytetwild by itself: the package as a whole asks for PyVista, and so for 600 MB
+of VTK, which filling a surface needs nothing of. The mesher takes surfaces that pass through themselves; it
+keeps what they wind around.
+
+Source: Hu, Schneider, Wang, Zorin, Panozzo 2020, Fast tetrahedral meshing in the wild.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import resource
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+DISTRIBUTION = "pytetwild"
+_MODULE = "PyfTetWildWrapper"
+_ITERATIONS = 80
+_SILENT = 6
+
+
+def compiled_part() -> Path | None:
+    """File of the compiled mesher, or None where pytetwild is not installed."""
+    found = importlib.util.find_spec(DISTRIBUTION)  # does not run the package
+    if found is None or found.origin is None:
+        return None
+    folder = Path(found.origin).parent
+    names = (folder / f"{_MODULE}{suffix}" for suffix in importlib.machinery.EXTENSION_SUFFIXES)
+    return next((name for name in names if name.is_file()), None)
+
+
+def _load() -> ModuleType:
+    file = compiled_part()
+    if file is None:
+        raise ImportError(f"{DISTRIBUTION} is not installed")
+    spec = importlib.util.spec_from_file_location(_MODULE, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} cannot be loaded")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def main(words: list[str]) -> int:
+    """Fill the surface of one file and write the tetrahedra into another."""
+    with np.load(words[0]) as given:
+        limit = int(given["memory"])
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+        points, tets = _load().tetrahedralize_mesh(
+            given["points"],
+            given["triangles"].astype(np.uint32),
+            True,  # optimise
+            False,  # do not skip simplifying the surface within the envelope
+            0.05,  # of the diagonal; the absolute length below counts
+            float(given["edge"]),
+            float(given["envelope"]),
+            float(given["energy"]),
+            bool(given["coarsen"]),
+            1,  # threads
+            _ITERATIONS,
+            _SILENT,
+            True,  # quiet
+            False,  # another order of a cell's corners
+            False,  # keep what lies outside
+            np.empty((0, 3)),
+            np.empty((0, 4), dtype=np.int32),
+            np.empty(0),
+        )
+    np.savez(words[1], points=points, tets=tets)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
