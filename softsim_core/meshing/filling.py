@@ -22,10 +22,10 @@ from softsim_core.meshing.tetwild import compiled_part
 COMMAND = (sys.executable, "-I", str(Path(__file__).with_name("tetwild.py")))
 """The mesher: it gets the names of a file to read and of one to write."""
 ENERGIES = {10.0: 0.25, 30.0: 0.75}
-"""The mesher stops where its worst element is so good (3 is regular), and has this share of its time for it.
+"""The mesher stops where its worst element is so good (3 is regular); it has this share of its time for it.
 
-Where it does not get there, less is asked for. Worst angles with 10 are 12 to 24 degrees; with 7 they are 17 to
-25, but it then often goes on for ever.
+Where it does not get there, less is asked for. Worst angles with 10 are 12 to 24 degrees; with 7 they are 17
+to 25, but it then often goes on for ever.
 """
 _TAIL = 160
 

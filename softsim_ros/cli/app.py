@@ -47,6 +47,7 @@ COMMANDS = {
         "softsim_ros.cli.mesh",
         "fill a part (STL, OBJ, PLY, OFF) with tetrahedra, say what they are worth",
     ),
+    "new": Command("softsim_ros.cli.new", "make a robot of a part: softsim new my_finger --from part.stl"),
     "urdf": Command("softsim_ros.cli.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
     "doctor": Command(
         "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"

@@ -22,6 +22,7 @@ STEPS_MS = (2, 5, 10, 20, 50, 100)
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    parser.add_argument("part", type=Path, help="closed surface: .stl, .obj, .ply, .off")
     add_options(parser)
     parser.add_argument(
         "--out",
@@ -37,7 +38,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare what says how a part is meshed."""
-    parser.add_argument("part", type=Path, help="closed surface: .stl, .obj, .ply, .off")
     parser.add_argument(
         "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
     )

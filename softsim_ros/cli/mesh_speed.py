@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from softsim_core.mesh.types import TetMesh
+from softsim_core.meshing.guesses import end_face
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
@@ -15,7 +16,6 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.simulation import Simulation
-from softsim_core.values import Box
 
 PRESET = "Dragon Skin 10 MEDIUM"
 POISSON = {1: 0.45, 2: 0.49}
@@ -25,30 +25,7 @@ STIFFNESS_FACTOR = 1.75
 DENSITY = 1070.0
 """In [kg/m^3]."""
 DT = 0.01
-_UNEVEN = 2.5e-3  # of the diagonal: how uneven a flat face may be after meshing
 _WARM, _TIMED = 3, 11
-
-
-def lowest_face(points: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Box:
-    """A slab around the lowest nodes of a part: thick enough that it holds an area and not a tip.
-
-    Args:
-        points: Nodes in [m], shape (n, 3).
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = high - low
-    share = min(max(0.01, _UNEVEN * float(np.linalg.norm(size)) / float(size[2])), 0.2)
-    while share < 0.2:
-        chosen = points[points[:, 2] <= low[2] + share * size[2]]
-        if len(chosen) > 3 and np.ptp(chosen[:, :2], axis=0).min() > 0.05 * size[:2].min():
-            break
-        share *= 1.5
-    middle = 0.5 * (low + high)
-    height = share * float(size[2])
-    return Box(
-        center=(float(middle[0]), float(middle[1]), float(low[2])),
-        size=(1.1 * float(size[0]), 1.1 * float(size[1]), 2.0 * height),
-    )
 
 
 def held_part(mesh: TetMesh) -> SceneDescription:
@@ -61,7 +38,7 @@ def held_part(mesh: TetMesh) -> SceneDescription:
         ),
         density=DENSITY,
     )
-    base = AttachmentDescription(name="base", body="part", to="world", box=lowest_face(mesh.points))
+    base = AttachmentDescription(name="base", body="part", to="world", box=end_face(mesh.points))
     solver = SolverSettings(rayleigh_stiffness=0.01)
     return SceneDescription(name="part", dt=DT, bodies=(body,), attachments=(base,), solver=solver)
 

@@ -11,9 +11,10 @@ from part_surfaces import ball, box, inside_out, joined, moved, sheet, write
 
 from softsim_core.mesh import box_mesh, read_tets
 from softsim_core.meshing import have_mesher
+from softsim_core.meshing.guesses import end_face
 from softsim_ros.cli import main
 from softsim_ros.cli.mesh import fitness
-from softsim_ros.cli.mesh_speed import held_part, lowest_face
+from softsim_ros.cli.mesh_speed import held_part
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"
@@ -93,11 +94,11 @@ def test_what_a_mesh_is_fit_for() -> None:
 def test_a_part_is_held_by_an_area_and_not_by_a_tip() -> None:
     """A bar that stands on an edge: so thick a slab that more than the edge's nodes are in it."""
     bar = box_mesh((0.02, 0.02, 0.1), (4, 4, 20))
-    face = lowest_face(bar.points)
+    face = end_face(bar.points)
     inside = np.abs(bar.points - face.center) <= 0.5 * np.array(face.size)
     assert inside.all(axis=1).sum() == 25
     turned = bar.points @ np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]]).T
-    face = lowest_face(turned)
+    face = end_face(turned)
     held = turned[(np.abs(turned - face.center) <= 0.5 * np.array(face.size)).all(axis=1)]
     assert np.linalg.matrix_rank(held - held.mean(axis=0), tol=1e-4) >= 2
     assert held[:, 2].max() - turned[:, 2].min() < 0.2 * np.ptp(turned[:, 2])

@@ -1,0 +1,141 @@
+"""`softsim new`: what it writes loads, rests, moves, and says what it guessed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from part_surfaces import Surface, ball, box, inside_out, joined, moved, sheet, write
+
+from softsim_core.mesh import box_mesh, quadratic
+from softsim_core.meshing import have_mesher
+from softsim_core.meshing.guesses import guess
+from softsim_core.scene import load_scene
+from softsim_core.simulation import Simulation
+from softsim_ros.cli import main
+from softsim_ros.cli.new_scene import number
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+mesher = pytest.mark.skipif(not have_mesher(), reason="needs pytetwild (pip install 'softsim[mesh]')")
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+
+
+STANDING, LYING = box(12, 8, 60), box(60, 12, 8)
+HOLLOW = joined(box(24, 24, 40), moved(inside_out(ball(9.0, 1)), z=5.0))
+MADE: dict[str, tuple[Surface, list[str], int, str]] = {
+    "standing": (STANDING, [], 2, "cable"),
+    "lying": (LYING, ["--order", "2", "--material", "Ecoflex 00-30"], 0, "cable"),
+    "hollow": (HOLLOW, ["--material", "dragon skin 10 medium"], 2, "air"),
+}
+
+
+@mesher
+@pytest.mark.parametrize("name", MADE)
+def test_a_new_robot_rests_and_moves(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    surface, words, axis, joint = MADE[name]
+    part = write(tmp_path, surface, "part.stl")
+    assert main(["new", name, "--from", str(part), "--size", "6", *words]) == 0
+    shown = capsys.readouterr().out
+    assert f"softsim up ./{name}/{name}.yaml" in shown
+    assert sorted(file.name for file in (tmp_path / name).iterdir()) == [
+        f"{name}.vtk",
+        f"{name}.yaml",
+        f"test_{name}.py",
+    ]
+    text = (tmp_path / name / f"{name}.yaml").read_text()
+    assert text.count("GUESS") >= 4
+    robot = load_scene(tmp_path / name / f"{name}.yaml")
+    assert robot.scene.joint_names == (joint,)
+    simulation = Simulation(robot)
+    rest = simulation.positions.copy()
+    held = rest[:, axis] < rest[:, axis].min() + 1e-4
+    for _ in range(40):
+        simulation.step()
+    sagged = simulation.positions.copy()
+    assert np.array_equal(sagged[held], rest[held])
+    simulation.command(robot.poses["moved"])
+    for _ in range(40):
+        simulation.step()
+    assert np.array_equal(simulation.positions[held], rest[held])
+    way = np.linalg.norm(simulation.positions - sagged, axis=1).max()
+    assert 1e-4 < way < 0.06
+    assert simulation.positions.shape[0] == len(rest)
+    if joint == "air":
+        assert simulation.joint_positions[0] > 0.0  # its hollow has grown
+    else:
+        assert simulation.joint_positions[0] == pytest.approx(robot.poses["moved"][0], rel=1e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 1.0, -2.5, 8.5e-5, -3.0e-7, 1.0e-12, 12345.678, 1070.0])
+def test_numbers_are_numbers_in_yaml(value: float) -> None:
+    read = yaml.safe_load(number(value))
+    assert isinstance(read, float)
+    assert read == pytest.approx(value, abs=1e-9)
+
+
+@mesher
+@pytest.mark.slow
+def test_its_own_test_passes(tmp_path: Path) -> None:
+    part = write(tmp_path, STANDING, "part.stl")
+    assert main(["new", "post", "--from", str(part), "--size", "6"]) == 0
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "post"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["My Finger", "--from", "part.stl"], 2, "'My Finger' is no name"),
+        (["../up", "--from", "part.stl"], 2, "is no name"),
+        (["there", "--from", "part.stl"], 1, "there: is there already"),
+        (["other", "--from", "part.stl"], 1, "is open: a hole of 28.35 mm across"),
+        (["other", "--from", "part.stl", "--material", "wood"], 1, "wood"),
+        (["other", "--from", "none.stl"], 1, "does not exist"),
+    ],
+)
+def test_a_refusal_leaves_nothing(
+    words: list[str], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, sheet())
+    (tmp_path / "there").mkdir()
+    assert main(["new", *words]) == code
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["part.stl", "there"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("lengths", "axis"), [((0.1, 0.02, 0.03), 0), ((0.03, 0.02, 0.1), 2), ((0.1, 0.1, 0.09), 2)]
+)
+def test_what_is_guessed_lies_where_it_should(
+    lengths: tuple[float, float, float], axis: int, order: int
+) -> None:
+    mesh = box_mesh(lengths, tuple(round(each / 0.01) for each in lengths))
+    mesh = quadratic(mesh) if order == 2 else mesh
+    guessed = guess(mesh)
+    assert guessed.axis == axis
+    assert guessed.length == pytest.approx(lengths[axis])
+    assert guessed.tip_place[axis] == pytest.approx(mesh.points[:, axis].max())
+    cable = np.array(guessed.cable)
+    assert (np.diff(cable[:, axis]) > 0.0).all()
+    assert (cable > mesh.points.min(axis=0)).all()
+    assert (cable < mesh.points.max(axis=0)).all()
+    assert guessed.pull_point[axis] < mesh.points[:, axis].min()
+    for end, place in ((guessed.held, mesh.points[:, axis].min()), (guessed.tip, mesh.points[:, axis].max())):
+        inside = (np.abs(mesh.points - end.center) <= 0.5 * np.array(end.size)).all(axis=1)
+        assert np.array_equal(inside, np.abs(mesh.points[:, axis] - place) < 1e-9)
