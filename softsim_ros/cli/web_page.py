@@ -17,7 +17,7 @@ from softsim_node.ending import ending
 ANNOUNCED: Final = "viewer: "
 """How the viewer begins the line with its address."""
 
-START_WITHIN_S: Final = 15.0
+START_WITHIN_S: Final = 60.0
 END_WITHIN_S: Final = 5.0
 LOOK_S: Final = 0.1
 

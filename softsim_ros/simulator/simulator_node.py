@@ -134,8 +134,9 @@ class Simulator(RobotNode):
                 "~/faulted": (Bool, lambda: Bool(data=self._faulted)),
             },
         )
+        elements = sum(len(group.cells) for group in simulation.model.filling)
         self.get_logger().info(
-            f"simulating {self.robot}: {len(simulation.positions)} nodes, {len(simulation.tets)} tetrahedra, "
+            f"simulating {self.robot}: {len(simulation.positions)} nodes, {elements} elements, "
             f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
         )
 
