@@ -38,7 +38,7 @@ _DIAGONALS, _INNER = np.array(list(_AROUND)), _inner()
 def quadratic(mesh: TetMesh) -> TetMesh:
     """The same cells with a node in the middle of each edge, behind the nodes that were there.
 
-    A mesh of order 2 is returned as it is.
+    A new node is in the groups that both ends of its edge are in. A mesh of order 2 is returned as it is.
     """
     if mesh.order == 2:
         return mesh
@@ -46,7 +46,12 @@ def quadratic(mesh: TetMesh) -> TetMesh:
     unique, numbers = np.unique(edges, axis=0, return_inverse=True)
     points = np.concatenate([mesh.points, mesh.points[unique].mean(axis=1)])
     middles = len(mesh.points) + numbers.reshape(-1, 6)
-    return replace(mesh, points=points, tets=np.concatenate([mesh.tets, middles], axis=1).astype(np.int64))
+    tets = np.concatenate([mesh.tets, middles], axis=1).astype(np.int64)
+    groups = {
+        name: np.concatenate([own, len(mesh.points) + np.flatnonzero(np.isin(unique, own).all(axis=1))])
+        for name, own in mesh.groups.items()
+    }
+    return replace(mesh, points=points, tets=tets, groups=groups)
 
 
 def linear(mesh: TetMesh) -> TetMesh:
@@ -59,6 +64,7 @@ def linear(mesh: TetMesh) -> TetMesh:
         points=mesh.points[used],
         tets=numbers.reshape(-1, 4).astype(np.int64),
         surfaces={name: np.searchsorted(used, faces) for name, faces in mesh.surfaces.items()},
+        groups={name: np.flatnonzero(np.isin(used, own)) for name, own in mesh.groups.items()},
     )
 
 

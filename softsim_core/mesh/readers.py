@@ -45,6 +45,9 @@ SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
 LONGEST_DETAIL = 150
 """So many characters of a parser's own message are told."""
 
+_KINDS = (("vertex",), ("line", "line3"), ("triangle", "triangle6", "quad"), ("tetra", "tetra10"))
+_DIMENSIONS = {kind: dimension for dimension, kinds in enumerate(_KINDS) for kind in kinds}
+"""Of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
 _GID_NAMES = {"tetrahedra": "tetra", "triangle": "triangle", "quadrilateral": "quad"}
 _Cells = dict[str, list[IndexArray]]
 
@@ -56,11 +59,13 @@ class _Contents(NamedTuple):
         points: Shape (n, 3).
         cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
         surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
+        groups: Nodes by the name of the group that points, lines, faces or cells of theirs are in, ascending.
     """
 
     points: Array
     cells: _Cells
     surfaces: dict[str, IndexArray]
+    groups: dict[str, IndexArray]
 
 
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
@@ -83,9 +88,9 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
 
 
 def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
-    points, cells, surfaces = _read(file)
+    points, cells, surfaces, groups = _read(file)
     mesh = _tet_mesh(points, cells, file)
-    return replace(mesh, points=place(points, placement), surfaces=surfaces)
+    return replace(mesh, points=place(points, placement), surfaces=surfaces, groups=groups)
 
 
 def _tet_mesh(points: Array, cells: _Cells, file: Path) -> TetMesh:
@@ -124,7 +129,7 @@ def read_surface(path: str | PathLike[str], placement: PlacementLike | None = No
 
 
 def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
-    points, cells, _ = _read(file)
+    points, cells, *_ = _read(file)
     faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
     if faces:
         triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
@@ -160,14 +165,14 @@ def _read(file: Path) -> _Contents:
         raise MeshError(file, "is empty; export the mesh again")
     if suffix == ".stl":
         points, triangles = parse_stl(data, file)
-        return _Contents(points, {"triangle": [triangles]}, {})
+        return _Contents(points, {"triangle": [triangles]}, {}, {})
     if suffix == ".obj":
         points, triangles = parse_obj(data, file)
-        return _Contents(points, {"triangle": [triangles]}, {})
+        return _Contents(points, {"triangle": [triangles]}, {}, {})
     if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
         points, elements = parse_gid(data, file)
         blocks = {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
-        return _Contents(points, blocks, {})
+        return _Contents(points, blocks, {}, {})
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
         raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix])
@@ -206,19 +211,30 @@ def _read_with_meshio(file: Path, module: str) -> _Contents:
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
     # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
-    return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, _groups(mesh))
+    return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, *_groups(mesh))
 
 
-def _groups(mesh: Any) -> dict[str, IndexArray]:
-    """Corners of the triangles of each physical group of a Gmsh file, by its name, or else its number."""
-    names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 2}
-    found: dict[str, list[IndexArray]] = {}
+def _groups(mesh: Any) -> tuple[dict[str, IndexArray], dict[str, IndexArray]]:
+    """The physical groups of a Gmsh file, by their names, or else their numbers.
+
+    Returns:
+        Corners of the triangles, shapes (k, 3), of each group of faces, and the nodes of each group.
+    """
+    names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
+    faces: dict[str, list[IndexArray]] = {}
+    nodes: dict[str, list[IndexArray]] = {}
     for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
-        if block.type in ("triangle", "triangle6"):
-            for tag in np.unique(tags[tags > 0]).tolist():
-                corners = np.asarray(block.data[tags == tag, :3], dtype=np.int64)
-                found.setdefault(names.get(tag, str(tag)), []).append(corners)
-    return {name: np.concatenate(blocks) for name, blocks in found.items()}
+        dimension = _DIMENSIONS.get(block.type, -1)
+        for tag in np.unique(tags[tags > 0]).tolist():
+            name = names.get((dimension, tag), str(tag))
+            members = np.asarray(block.data[tags == tag], dtype=np.int64)
+            nodes.setdefault(name, []).append(members.reshape(-1))
+            if block.type in ("triangle", "triangle6"):
+                faces.setdefault(name, []).append(members[:, :3])
+    return (
+        {name: np.concatenate(blocks) for name, blocks in faces.items()},
+        {name: np.unique(np.concatenate(blocks)) for name, blocks in nodes.items()},
+    )
 
 
 def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:

@@ -18,6 +18,7 @@ class TetMesh:
             oriented or not (the volume is taken absolute).
         name: Where it came from, for messages.
         surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
+        groups: Nodes by the names that the file gives to what they belong to: points, lines, faces or cells.
         around: How far outside, in heights of a cell, a point may lie that an actuator binds to it.
     """
 
@@ -25,6 +26,7 @@ class TetMesh:
     tets: IndexArray
     name: str = "mesh"
     surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
+    groups: Mapping[str, IndexArray] = field(default_factory=dict)
     around: float = 0.02
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import SceneError
+from softsim_core.errors import SceneError, listing
 from softsim_core.fem.assembly import takes_found_stress
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
@@ -332,10 +332,17 @@ def _assign_nodes(
 def _chosen_nodes(
     body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
 ) -> IndexArray:
-    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, or at an end of it."""
+    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, at an end, or in a group."""
     if chosen.end is not None:
         assert body.ends is not None  # checked by the description
         return np.asarray(body.nodes.start + body.ends[chosen.end == "end"])
+    if chosen.group is not None:
+        groups = body.mesh.groups if isinstance(body.mesh, TetMesh) else {}
+        if chosen.group not in groups:
+            raise SceneError(
+                f"body {body.name}: its mesh has no group {chosen.group!r}; its groups are {listing(groups)}"
+            )
+        return np.asarray(groups[chosen.group] + body.nodes.start)
     region = chosen.box or chosen.sphere
     assert region is not None  # checked by the description
     return np.asarray(nodes_in(region, points) + body.nodes.start)

@@ -56,17 +56,19 @@ class AddedMassDescription:
     Attributes:
         mass: In [kg], > 0.
         box, sphere: The region; nodes are chosen once, on the rest shape.
-        end: Or that end of a rod. Exactly one of the three.
+        end: Or that end of a rod.
+        group: Or the name of a group of the mesh's file (a physical group of Gmsh). Exactly one of the four.
     """
 
     mass: float
     box: Box | None = None
     sphere: Sphere | None = None
     end: RodEnd | None = None
+    group: str | None = None
 
     def __post_init__(self) -> None:
         need_positive("added mass", "mass", self.mass, "kg")
-        _need_one_region("added mass", self.box, self.sphere, self.end)
+        _need_one_region("added mass", self.box, self.sphere, self.end, self.group)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,7 +286,9 @@ class AttachmentDescription:
         to: "world" (held still), "free" (a rigid frame with six unknowns), the name of a joint, or that of an
             attachment with to = free, whose frame then carries both.
         box, sphere: The region; nodes are chosen once, on the rest shape, of a rod whole sections.
-        end: Or that end of a rod, beyond its clamp where it has one. Exactly one of the three.
+        end: Or that end of a rod, beyond its clamp where it has one.
+        group: Or the name of a group of the mesh's file: a physical group of Gmsh, of points, lines, faces or
+            cells. Exactly one of the four.
         relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
         frame: Origin in [m] and orientation of a free frame, in world coordinates.
         stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
@@ -296,19 +300,20 @@ class AttachmentDescription:
     box: Box | None = None
     sphere: Sphere | None = None
     end: RodEnd | None = None
+    group: str | None = None
     relative_to: str | None = None
     frame: Placement = Placement()
     stiffness: float | None = None
 
     def __post_init__(self) -> None:
-        _need_one_region(f"attachment {self.name}", self.box, self.sphere, self.end)
+        _need_one_region(f"attachment {self.name}", self.box, self.sphere, self.end, self.group)
         if self.stiffness is not None and (self.to != "world" or not 0.0 < self.stiffness < math.inf):
             raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
 
 
-def _need_one_region(owner: str, *given: Box | Sphere | RodEnd | None) -> None:
+def _need_one_region(owner: str, *given: Box | Sphere | RodEnd | str | None) -> None:
     if sum(each is not None for each in given) != 1:
-        raise SceneError(f"{owner}: give exactly one of box, sphere and end")
+        raise SceneError(f"{owner}: give exactly one of box, sphere, end and group")
 
 
 TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]

@@ -169,7 +169,7 @@ class InnerView:
         return arms
 
     def _boxes(self) -> list[Still]:
-        attachments = self._robot.scene.attachments
+        attachments = [each for each in self._robot.scene.attachments if each.group is None]
         return [("boxes", f"attachments/{each.name}", self._region(each)) for each in attachments]
 
     def _region(self, attachment: AttachmentDescription) -> Any:
