@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from softsim_core.arrays import Array
+from softsim_core.fem.rods import BENDING, RodGroup
 from softsim_core.inverse.sensitivity import analytic_sensitivity, sampled_sensitivity
 from softsim_core.inverse.static import solve_pose
 from softsim_core.inverse.tasks import PositionTask
@@ -109,6 +110,32 @@ def test_check_points_of_the_printed_parts(angles: tuple[float, ...], elements: 
 @pytest.mark.parametrize("angles", OTHER)
 def test_check_points_of_another_geometry(angles: tuple[float, ...]) -> None:
     assert 1e3 * other().equilibrium(angles).state.frame_positions[0] == pytest.approx(OTHER[angles], abs=0.1)
+
+
+@pytest.mark.slow
+def test_it_follows_the_beams_of_another_simulator(reference_dir: Path) -> None:
+    """Which keep the length of each of nine beams along its chord: bent, their strips are longer by that."""
+    file = reference_dir / "emio" / "data" / "sofa_beam_direct2401.csv"
+    table = np.genfromtxt(file, delimiter=",", names=True)[::45]
+    angles = np.stack([table[f"theta{k}_rad"] for k in range(4)], axis=1)
+    places = np.stack([table["sofa_x_mm"], -table["sofa_z_mm"], table["sofa_y_mm"]], axis=1)
+    simulation = Simulation(cut(other().scene, 18), backend="scipy")
+    (group,) = simulation.model.groups
+    assert isinstance(group, RodGroup)
+    line, beam = group.line, 0.20244 / 9
+    straight = line.natural[..., 0].copy()
+    off = []
+    for commands, place in zip(angles, places, strict=True):
+        line.natural[..., 0] = straight
+        state = simulation.equilibrium(commands).state
+        for _ in range(2):
+            strains, _ = line.strains(line.products(line.vectors(state.positions, group.cells)))
+            bent = strains[..., BENDING] + line.natural[..., BENDING]
+            line.natural[..., 0] = straight + ((beam * bent) ** 2).sum(axis=-1) / 24.0
+            state = simulation.equilibrium(commands, start=state).state
+        off.append(np.linalg.norm(1e3 * state.frame_positions[0] - place))
+    assert len(off) == 16
+    assert np.median(off) < 0.2
 
 
 @pytest.mark.parametrize("seed", range(3))
