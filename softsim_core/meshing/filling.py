@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from softsim_core.mesh.checks import tet_volumes
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 from softsim_core.meshing.tetwild import compiled_part
 
-COMMAND = (sys.executable, "-I", str(Path(__file__).with_name("tetwild.py")))
+COMMAND = (sys.executable, str(Path(__file__).with_name("tetwild.py")))
 """The mesher: it gets the names of a file to read and of one to write."""
 ENERGIES = {10.0: 0.25, 30.0: 0.75}
 """The mesher stops where its worst element is so good (3 is regular); it has this share of its time for it.
@@ -116,6 +117,7 @@ def _run(command: tuple[str, ...], folder: str, time_limit: float, name: str) ->
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         cwd=folder,  # the mesher writes into it
+        env={**os.environ, "PYTHONSAFEPATH": "1"},  # files beside the program are no packages
     ) as process:
         try:
             _, error = process.communicate(timeout=time_limit)

@@ -187,7 +187,8 @@ def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: M
             f"{unit.length(allowed)} was allowed; ask for a finer mesh (--size, --nodes), or mend the part "
             "there",
         )
-    result = MeshedPart(mesh, source, report, edge, off, (), False)
+    named = replace(mesh, name=Path(name).name)  # the same bytes wherever the file lies
+    result = MeshedPart(named, source, report, edge, off, (), False)
     error = result.volume_error
     if error is not None and abs(error) > _VOLUME:
         raise MeshError(
