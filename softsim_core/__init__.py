@@ -24,11 +24,13 @@ if TYPE_CHECKING:
     from softsim_core.actuation.chamber import ChamberDescription, ChamberView
     from softsim_core.actuation.line import line_stiffness
     from softsim_core.actuation.trajectory import JointTrajectory
+    from softsim_core.batch import Batch
     from softsim_core.contact.settings import ContactSettings
     from softsim_core.dynamics.report import ContactReport, StepReport
     from softsim_core.dynamics.statics import StaticSolution
     from softsim_core.errors import (
         ArrayError,
+        BatchError,
         CommandError,
         ConfigError,
         DataError,
@@ -36,11 +38,15 @@ if TYPE_CHECKING:
         FactorisationError,
         MaterialError,
         MeshError,
+        MjcfError,
         NotConvergedError,
+        NotReachedError,
+        PolicyError,
         SceneError,
         SnapshotError,
         SoftSimError,
         SolverDivergedError,
+        StudyError,
     )
     from softsim_core.identification.alignment import Alignment
     from softsim_core.identification.calibration import (
@@ -77,11 +83,14 @@ if TYPE_CHECKING:
     from softsim_core.inverse.controller import InverseController, InverseReport
     from softsim_core.inverse.path_files import read_path
     from softsim_core.inverse.paths import EffectorPath, PathRefusedError
+    from softsim_core.inverse.reach import reach
     from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
     from softsim_core.inverse.static import PoseSolution, solve_pose
     from softsim_core.inverse.tasks import HeightTiltTask, OrientationTask, PoseTask, PositionTask
     from softsim_core.inverse.tilts import tilt_rotation, tilts_of
     from softsim_core.inverse.workspace import Workspace, sample_workspace
+    from softsim_core.learning.policy import Policy, load_policy, policy_metadata
+    from softsim_core.learning.randomisation import RandomisationDescription, SpreadDescription
     from softsim_core.mechanics.limits import JointLimits
     from softsim_core.mechanics.pose import (
         Pose,
@@ -103,7 +112,12 @@ if TYPE_CHECKING:
         write_tets,
     )
     from softsim_core.mesh.shapes import Shape, surface_of
+    from softsim_core.mjcf.exporting import ExportedModel, export_mjcf
+    from softsim_core.mjcf.folder import write_imported
+    from softsim_core.mjcf.importing import ImportedScene, import_mjcf
     from softsim_core.scene import find_config, known_scenes, load_scene
+    from softsim_core.scene.arm.description import ArmDescription, ToolDescription
+    from softsim_core.scene.arm.mounting import arm_with_tools
     from softsim_core.scene.board import BoardDescription, BusServo, ServoCalibration
     from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
     from softsim_core.scene.description import (
@@ -115,6 +129,7 @@ if TYPE_CHECKING:
         SolverSettings,
     )
     from softsim_core.scene.material import MaterialDescription
+    from softsim_core.scene.material_region import MaterialRegionDescription
     from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
     from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
     from softsim_core.scene.robot import Controller, RobotDescription
@@ -126,10 +141,11 @@ if TYPE_CHECKING:
     )
     from softsim_core.scene.running import RunningSimulation
     from softsim_core.scene.scene import Part, Scene, animated
-    from softsim_core.scene.view import Camera, ViewSettings
+    from softsim_core.scene.view import Camera, Section, ViewSettings
     from softsim_core.sensing import (
         CableSensorDescription,
         ChamberSensorDescription,
+        ForceTorqueDescription,
         ImuDescription,
         MarkersDescription,
         Scenery,
@@ -143,6 +159,19 @@ if TYPE_CHECKING:
         register_sensor,
     )
     from softsim_core.simulation import Simulation
+    from softsim_core.study.description import (
+        CommandStep,
+        DesignDescription,
+        ObjectiveDescription,
+        QuantityDescription,
+        StudyDescription,
+        VariableDescription,
+        load_study,
+    )
+    from softsim_core.study.engine import Where
+    from softsim_core.study.preparing import PreparedStudy, prepare_study
+    from softsim_core.study.results import StudyResults, read_results
+    from softsim_core.study.sweep import StudySummary, SweepOptions, sweep
     from softsim_core.values import Box, FieldError, MeshFile, Placement, Sphere
 
 __version__ = "0.1.0"
@@ -155,9 +184,12 @@ __all__ = [
     "AddedMassDescription",
     "Alignment",
     "AlignmentDescription",
+    "ArmDescription",
     "ArrayError",
     "AttachmentDescription",
     "AxisDescription",
+    "Batch",
+    "BatchError",
     "BoardDescription",
     "BodyDescription",
     "Box",
@@ -175,6 +207,7 @@ __all__ = [
     "CommandColumns",
     "CommandError",
     "CommandSettings",
+    "CommandStep",
     "ConfigError",
     "ContactReport",
     "ContactSettings",
@@ -183,18 +216,22 @@ __all__ = [
     "DataFolder",
     "DataSet",
     "DataSetDescription",
+    "DesignDescription",
     "DetectionOverflowError",
     "DistributionDescription",
     "EffectorPath",
     "Ending",
     "ErrorLimits",
+    "ExportedModel",
     "FactorisationError",
     "FibresDescription",
     "FieldError",
     "Folds",
+    "ForceTorqueDescription",
     "FrameDescription",
     "GeometricStiffness",
     "HeightTiltTask",
+    "ImportedScene",
     "ImuDescription",
     "InverseController",
     "InverseReport",
@@ -208,11 +245,15 @@ __all__ = [
     "MarkersDescription",
     "MaterialDescription",
     "MaterialError",
+    "MaterialRegionDescription",
     "Measures",
     "MeshError",
     "MeshFile",
+    "MjcfError",
     "NextPoses",
     "NotConvergedError",
+    "NotReachedError",
+    "ObjectiveDescription",
     "OrientationTask",
     "OtherModel",
     "ParameterDescription",
@@ -220,10 +261,15 @@ __all__ = [
     "PathRefusedError",
     "Placed",
     "Placement",
+    "Policy",
+    "PolicyError",
     "Pose",
     "PoseSolution",
     "PoseTask",
     "PositionTask",
+    "PreparedStudy",
+    "QuantityDescription",
+    "RandomisationDescription",
     "RigidBodyDescription",
     "RobotDescription",
     "RodClampDescription",
@@ -234,6 +280,7 @@ __all__ = [
     "SceneDescription",
     "SceneError",
     "Scenery",
+    "Section",
     "Seen",
     "Sensitivity",
     "Sensor",
@@ -252,42 +299,60 @@ __all__ = [
     "SolverSettings",
     "Sphere",
     "SplitDescription",
+    "SpreadDescription",
     "StartAnimation",
     "StaticSolution",
     "StepReport",
     "StrainSensorDescription",
+    "StudyDescription",
+    "StudyError",
+    "StudyResults",
+    "StudySummary",
     "SurfaceMesh",
     "Surroundings",
+    "SweepOptions",
     "TactileArrayDescription",
     "TetMesh",
     "TiltController",
     "TiltGains",
     "TimeColumn",
+    "ToolDescription",
+    "VariableDescription",
     "ViewSettings",
+    "Where",
     "Workspace",
     "WrenchSensorDescription",
     "__version__",
     "analytic_sensitivity",
     "animated",
+    "arm_with_tools",
     "boundary_surface",
     "box_mesh",
     "calibrate",
     "check_tets",
     "cross_validated",
     "distribution_of",
+    "export_mjcf",
     "find_config",
+    "import_mjcf",
     "known_data_sets",
     "known_scenes",
     "line_stiffness",
     "load_calibration",
     "load_data_set",
     "load_distribution",
+    "load_policy",
     "load_scene",
     "load_session",
+    "load_study",
     "next_poses",
+    "policy_metadata",
+    "prepare_study",
     "profiled",
     "quaternion_of",
+    "reach",
     "read_path",
+    "read_results",
     "read_surface",
     "read_tets",
     "register_actuator",
@@ -301,9 +366,11 @@ __all__ = [
     "session_robot",
     "solve_pose",
     "surface_of",
+    "sweep",
     "tilt_rotation",
     "tilts_of",
     "validate_session",
+    "write_imported",
     "write_surface",
     "write_tets",
 ]
@@ -317,12 +384,14 @@ _NAMES = {
     "softsim_core.actuation.chamber": "ChamberDescription ChamberView",
     "softsim_core.actuation.line": "line_stiffness",
     "softsim_core.actuation.trajectory": "JointTrajectory",
+    "softsim_core.batch": "Batch",
     "softsim_core.contact.settings": "ContactSettings",
     "softsim_core.dynamics.report": "ContactReport StepReport",
     "softsim_core.dynamics.statics": "StaticSolution",
     "softsim_core.errors": (
-        "ArrayError CommandError ConfigError DataError DetectionOverflowError FactorisationError "
-        "MaterialError MeshError NotConvergedError SceneError SnapshotError SoftSimError SolverDivergedError"
+        "ArrayError BatchError CommandError ConfigError DataError DetectionOverflowError "
+        "FactorisationError MaterialError MeshError MjcfError NotConvergedError NotReachedError PolicyError "
+        "SceneError SnapshotError SoftSimError SolverDivergedError StudyError"
     ),
     "softsim_core.identification.alignment": "Alignment",
     "softsim_core.identification.description": (
@@ -342,11 +411,15 @@ _NAMES = {
     "softsim_core.inverse.controller": "InverseController InverseReport",
     "softsim_core.inverse.path_files": "read_path",
     "softsim_core.inverse.paths": "EffectorPath PathRefusedError",
+    "softsim_core.inverse.reach": "reach",
     "softsim_core.inverse.sensitivity": "Sensitivity analytic_sensitivity sampled_sensitivity",
     "softsim_core.inverse.static": "PoseSolution solve_pose",
     "softsim_core.inverse.tasks": "HeightTiltTask OrientationTask PoseTask PositionTask",
     "softsim_core.inverse.tilts": "tilt_rotation tilts_of",
     "softsim_core.inverse.workspace": "Workspace sample_workspace",
+    "softsim_core.mjcf.exporting": "ExportedModel export_mjcf",
+    "softsim_core.mjcf.folder": "write_imported",
+    "softsim_core.mjcf.importing": "ImportedScene import_mjcf",
     "softsim_core.mechanics.limits": "JointLimits",
     "softsim_core.mechanics.pose": "Pose quaternion_of rotation_euler rotation_exp rotation_log rotation_of",
     "softsim_core.mesh": (
@@ -355,6 +428,8 @@ _NAMES = {
     ),
     "softsim_core.mesh.shapes": "Shape surface_of",
     "softsim_core.scene": "find_config known_scenes load_scene",
+    "softsim_core.scene.arm.description": "ArmDescription ToolDescription",
+    "softsim_core.scene.arm.mounting": "arm_with_tools",
     "softsim_core.scene.board": "BoardDescription BusServo ServoCalibration",
     "softsim_core.scene.control": "CommandSettings InverseSettings KeyBinding StartAnimation",
     "softsim_core.scene.description": (
@@ -362,6 +437,7 @@ _NAMES = {
         "SolverSettings"
     ),
     "softsim_core.scene.material": "MaterialDescription",
+    "softsim_core.scene.material_region": "MaterialRegionDescription",
     "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",
     "softsim_core.scene.reinforcement": "AxisDescription FibresDescription LayerDescription",
     "softsim_core.scene.robot": "Controller RobotDescription",
@@ -370,13 +446,23 @@ _NAMES = {
     ),
     "softsim_core.scene.running": "RunningSimulation",
     "softsim_core.scene.scene": "Part Scene animated",
-    "softsim_core.scene.view": "Camera ViewSettings",
+    "softsim_core.scene.view": "Camera Section ViewSettings",
     "softsim_core.sensing": (
         "CableSensorDescription ChamberSensorDescription ImuDescription MarkersDescription Scenery Seen "
         "Sensor SensorReading SimulatedSensorDescription StrainSensorDescription TactileArrayDescription "
-        "WrenchSensorDescription register_sensor"
+        "ForceTorqueDescription WrenchSensorDescription register_sensor"
     ),
     "softsim_core.simulation": "Simulation",
+    "softsim_core.learning.policy": "Policy load_policy policy_metadata",
+    "softsim_core.learning.randomisation": "RandomisationDescription SpreadDescription",
+    "softsim_core.study.description": (
+        "CommandStep DesignDescription ObjectiveDescription QuantityDescription StudyDescription "
+        "VariableDescription load_study"
+    ),
+    "softsim_core.study.engine": "Where",
+    "softsim_core.study.preparing": "PreparedStudy prepare_study",
+    "softsim_core.study.results": "StudyResults read_results",
+    "softsim_core.study.sweep": "StudySummary SweepOptions sweep",
     "softsim_core.values": "Box FieldError MeshFile Placement Sphere",
 }
 """What each module gives."""

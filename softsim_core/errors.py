@@ -62,8 +62,28 @@ class DataError(SoftSimError, ValueError):
         super().__init__(f"{self.source}: {where}: {problem}" if where else f"{self.source}: {problem}")
 
 
+class StudyError(SoftSimError, RuntimeError):
+    """A study cannot be run, go on, or be read; one sentence says why and what to do."""
+
+
+class PolicyError(SoftSimError, ValueError):
+    """A trained policy cannot be read, or does not fit; carries its file and the reason."""
+
+    def __init__(self, file: str | PathLike[str], reason: str) -> None:
+        self.file, self.reason = str(file), reason
+        super().__init__(f"policy {self.file} refused: {reason}")
+
+
+class MjcfError(SoftSimError, ValueError):
+    """A MuJoCo model (MJCF) cannot be read, written or run; carries its file and the reason."""
+
+    def __init__(self, file: str | PathLike[str], reason: str) -> None:
+        self.file, self.reason = str(file), reason
+        super().__init__(f"{self.file}: {reason}")
+
+
 class SceneError(SoftSimError, ValueError):
-    """A scene description does not fit together (unknown name, empty region, overlapping zones)."""
+    """A scene description does not fit together (unknown name, empty region, overlapping regions)."""
 
 
 class CommandError(SoftSimError, ValueError):
@@ -95,6 +115,17 @@ class DetectionOverflowError(SoftSimError, RuntimeError):
         )
 
 
+class NotReachedError(SoftSimError, ValueError):
+    """No joint positions bring a joint's frame to a place; carries the joint, the place in [m], how near."""
+
+    def __init__(self, joint: str, position: tuple[float, ...], miss: float) -> None:
+        self.joint, self.position, self.miss = joint, position, miss
+        super().__init__(
+            f"the frame of {joint} does not reach {list(position)} m turned as asked: {1e3 * miss:.3g} mm "
+            "are left within the limits; choose a nearer place or another start"
+        )
+
+
 class NotConvergedError(SoftSimError, RuntimeError):
     """No static equilibrium was found; carries the reason, the fraction of the load, iterations, residual."""
 
@@ -105,3 +136,7 @@ class NotConvergedError(SoftSimError, RuntimeError):
             f"{iterations} iterations, residual {residual:.3g} N; start from a nearer state, change the "
             "load, or let the dynamics settle"
         )
+
+
+class BatchError(SoftSimError, RuntimeError):
+    """A batch of copies cannot be made, or one of its worker processes has ended."""

@@ -48,6 +48,7 @@ class Compiler:
     """
 
     def __init__(self, folder: Path, uses: Sequence[Compiler] = ()) -> None:
+        self._folder = folder
         self._beside = folder / "__pycache__"
         digest = hashlib.sha256(Path(__file__).read_bytes())
         for used in uses:
@@ -68,6 +69,15 @@ class Compiler:
         else:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
         self._cache = str(base / self.name)
+
+    @property
+    def cache(self) -> Path | None:
+        """The folder of the cache; None without Numba."""
+        return None if self._numba is None else Path(self._cache)
+
+    def changed(self) -> list[tuple[str, int]]:
+        """Each source's name and when it was changed, in [ns]: what is cached is of these times only."""
+        return [(file.name, file.stat().st_mtime_ns) for file in sorted(self._folder.glob("*.py"))]
 
     def kernel(self, function: F) -> F:
         """Compile with cache, without the GIL; kernels live at module level, where the cache serves them."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
+from softsim_core.wrong_names import known_names
 
 
 class Named(Protocol):
@@ -47,7 +48,7 @@ class Registry(Generic[N]):
             SceneError: there is none; the sentence lists those that are known.
         """
         if name not in self._known:
-            raise SceneError(f"unknown {self._what} {name!r}; known: {listing(self._known)}")
+            raise SceneError(f"unknown {self._what} {name!r}; {known_names(name, self._known)}")
         return self._known[name]
 
     def names(self) -> tuple[str, ...]:

@@ -5,11 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Final, TypeAlias
 
 from softsim_core.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
+
+POINT: Final = MappingProxyType({"in_world": "point"})
+"""Metadata of a field of vectors: points in the world, as the scene is built; see scene.placed."""
+
+DIRECTION: Final = MappingProxyType({"in_world": "direction"})
+"""Metadata of a field of vectors: directions or velocities in the axes of the world."""
+
+LOCAL: Final = MappingProxyType({"in_world": "no"})
+"""Metadata of a field that holds a placement or a region in the frame of something else."""
 
 
 class FieldError(SceneError):

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
+import hashlib
 import os
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from subprocess import Popen
-from time import perf_counter
+from threading import Thread
+from time import perf_counter, sleep
 
 from softsim_core.actuation.cable import CableDescription
+from softsim_core.kernels import Compiler
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import (
@@ -22,14 +28,21 @@ from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.values import Box, Placement
 
-_CONTACT = "from softsim_core.contact.warmup import warm_up_contact; warm_up_contact()"
+_NICE = 10
+"""How much a process that compiles beside a simulation gives way."""
+
+_LOOK_S = 0.2
+
+_CELLS = (8, 2, 2)
+_MANY_CELLS = (26, 13, 13)
+"""Of a beam whose factorisation takes longer than `division.WORTHWHILE` says: threads share it."""
 
 
-def small_scene() -> SceneDescription:
+def small_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
     """A small beam with a held end, a joint and a free frame."""
     beam = BodyDescription(
         name="beam",
-        mesh=box_mesh((0.04, 0.01, 0.01), (8, 2, 2)),
+        mesh=box_mesh((0.04, 0.01, 0.01), cells),
         material=MaterialDescription(young_modulus=1e5, poisson_ratio=0.3),
         total_mass=0.004,
     )
@@ -47,9 +60,9 @@ def small_scene() -> SceneDescription:
     )
 
 
-def touching_scene() -> SceneDescription:
-    """The same beam, with a cable in it and a ball on it: with these it runs every kernel."""
-    scene = small_scene()
+def touching_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
+    """The same beam, with a cable in it and a ball on it: with these it runs every kernel of small meshes."""
+    scene = small_scene(cells)
     cable = CableDescription(body="beam", points=((0.01, 0.005, 0.005), (0.03, 0.005, 0.005)))
     ball = RigidBodyDescription(
         name="ball", shape=Shape(sphere=0.005), mass=0.001, pose=Placement(translation=(0.01, 0.005, 0.0165))
@@ -69,39 +82,158 @@ def cached_kernels() -> tuple[int, Path]:
     return sum(1 for _ in folder.rglob("*.nbc")), folder
 
 
+def kernels_ready() -> bool:
+    """Whether `warm_up` has run to its end with the sources here, for this processor; True without Numba."""
+    mark = _mark()
+    return mark is None or mark.is_file()
+
+
 def warm_up() -> float:
-    """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took."""
-    from softsim_core.actuation.compiled.compile import compiler as actuation_compiler
-    from softsim_core.contact.compile import compiler as contact_compiler
-    from softsim_core.contact.detection.compile import compiler as detection_compiler
-    from softsim_core.contact.solver.compile import compiler as contact_solver_compiler
-    from softsim_core.contact.warmup import warm_up_contact
-    from softsim_core.dynamics.numba_backend.compile import compiler as step_compiler
-    from softsim_core.linalg.compile import compiler as linalg_compiler
+    """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took.
+
+    Of several processes at once one compiles, and the others wait for it.
+    """
     from softsim_core.simulation import Simulation
 
-    for compiler in (
-        linalg_compiler,
-        actuation_compiler,
-        step_compiler,
-        contact_compiler,
-        detection_compiler,
-        contact_solver_compiler,
-    ):
-        compiler.forget_old_kernels()
+    mark = _mark()
+    if mark is None:
+        return 0.0
     started = perf_counter()
-    with Popen([sys.executable, "-c", _CONTACT]):  # on a core of its own, into the same cache
-        simulation = Simulation(small_scene(), backend="numba")
-        simulation.step()
-        simulation.von_mises()
-        simulation.reduced_stiffness()
-    warm_up_contact()
-    simulation = Simulation(touching_scene(), backend="numba")
-    simulation.step()
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    with _alone(mark.with_name("compiling")):
+        for compiler in _compilers():
+            compiler.forget_old_kernels()
+        if not mark.is_file():
+            with Popen([sys.executable, "-m", "softsim_core.warmup", "--contact"]):  # on a core of its own
+                simulation = Simulation(small_scene(), backend="numba")
+                simulation.step()
+                simulation.von_mises()
+                simulation.reduced_stiffness()
+            _warm_up_contact()
+            Simulation(touching_scene(), backend="numba").step()
+            mark.touch()
     return perf_counter() - started
 
 
-if __name__ == "__main__":
+def warm_up_large() -> float:
+    """The kernels of large meshes, after all others: factors and conjugate gradients of several threads.
+
+    Returns:
+        The seconds it took.
+    """
+    from softsim_core.simulation import Simulation
+
+    started = perf_counter()
+    warm_up()
+    mark = _mark(kind="large")
+    if mark is None:
+        return 0.0
+    with _alone(mark.with_name("compiling-large")):
+        if not mark.is_file():
+            scene = touching_scene(_MANY_CELLS)
+            for linear_solver in ("supernodal", "iterative"):
+                solver = replace(scene.solver, linear_solver=linear_solver, threads=2)
+                Simulation(replace(scene, solver=solver), backend="numba").step()
+            mark.touch()
+    return perf_counter() - started
+
+
+def _warm_up_contact() -> None:
+    from softsim_core.contact.warmup import warm_up_contact
+
+    warm_up_contact()
+
+
+def _compilers() -> tuple[Compiler, ...]:
+    from softsim_core.actuation.compiled.compile import compiler as actuation
+    from softsim_core.contact.compile import compiler as contact
+    from softsim_core.contact.detection.compile import compiler as detection
+    from softsim_core.contact.solver.compile import compiler as contact_solver
+    from softsim_core.dynamics.numba_backend.compile import compiler as step
+    from softsim_core.linalg.compile import compiler as linalg
+
+    return (step, linalg, actuation, contact, detection, contact_solver)
+
+
+def _mark(package: Path = Path(__file__).parent, kind: str = "ready") -> Path | None:
+    """The file that says that kernels are in the cache, in the folder of the step's; None: no Numba.
+
+    Numba finds kernels by the place and the time of their sources, so a copy of the checkout has another one.
+
+    Args:
+        package: Where this package lies; another folder, for a copy of it.
+        kind: "ready", for those that every robot steps by; "large", for those of large meshes.
+    """
+    compilers = _compilers()
+    folder = compilers[0].cache
+    if folder is None:
+        return None
+    import numba
+    from llvmlite import binding
+
+    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES") or binding.get_host_cpu_features().flatten()
+    sources = [(each.name, each.changed()) for each in compilers]
+    told = [str(package.resolve()), sources, numba.__version__, sys.version, cpu, features]
+    return folder / f"{kind}-{hashlib.sha256(repr(told).encode()).hexdigest()[:16]}"
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Hold a file's lock, waiting for it; where the system has none, nothing is held."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with file.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it is gone: compiling hears nothing for seconds."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(_LOOK_S)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Compile the kernels; `--beside` does it at low priority and ends with the process that started it."""
+    parser = argparse.ArgumentParser(prog="python -m softsim_core.warmup", description=__doc__)
+    parser.add_argument("--beside", action="store_true", help="at low priority, ending with the parent")
+    parser.add_argument("--contact", action="store_true", help="the kernels of contact alone")
+    parser.add_argument("--scene", help="those of this scene or robot, too")
+    parser.add_argument("--small", action="store_true", help="none of large meshes")
+    chosen = parser.parse_args(words)
+    if chosen.beside or chosen.contact:
+        _end_with_parent()
+    if chosen.beside and hasattr(os, "nice"):
+        os.nice(_NICE)
+    if chosen.contact:
+        _warm_up_contact()
+        return 0
     sys.stdout.write("compiling the simulation kernels (once, 30 to 120 s) ...\n")
     sys.stdout.flush()
-    sys.stdout.write(f"kernels ready after {warm_up():.1f} s\n")
+    started = perf_counter()
+    warm_up()
+    if chosen.scene:
+        from softsim_core.scene import load_scene
+        from softsim_core.simulation import Simulation
+
+        simulation = Simulation(replace(load_scene(chosen.scene), controllers=()), backend="numba")
+        simulation.step()
+        simulation.von_mises()
+    if not chosen.small:
+        warm_up_large()
+    sys.stdout.write(f"kernels ready after {perf_counter() - started:.1f} s\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

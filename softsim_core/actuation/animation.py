@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal, TypeAlias, get_args
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
+from softsim_core.wrong_names import known_names
 
 Mode: TypeAlias = Literal["once", "loop", "pingpong"]
 
@@ -26,7 +27,9 @@ def check_animation(duration: float, mode: str, delay: float = 0.0) -> None:
     if not 0.0 < duration < math.inf:
         raise SceneError(f"an animation's duration must be > 0 s, not {duration}")
     if mode not in get_args(Mode):
-        raise SceneError(f"unknown animation mode {mode!r}; known modes: {listing(get_args(Mode))}")
+        raise SceneError(
+            f"unknown animation mode {mode!r}; {known_names(mode, get_args(Mode), 'known modes:')}"
+        )
     if not 0.0 <= delay < math.inf:
         raise SceneError(f"an animation's delay must be >= 0 s, not {delay}")
 

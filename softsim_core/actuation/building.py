@@ -48,6 +48,10 @@ class ActuatorDescription:
         """Names of joints that fields name as what carries something, by field."""
         return {}
 
+    def carried_by(self, joint: str) -> ActuatorDescription:
+        """The same on something that a joint carries: what stands in space moves with the joint instead."""
+        return self
+
 
 class Points(NamedTuple):
     """Points that a deformable body carries.

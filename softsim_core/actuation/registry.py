@@ -16,6 +16,7 @@ from softsim_core.actuation.cable import CABLE
 from softsim_core.actuation.chamber import CHAMBER
 from softsim_core.actuation.joint_drive import JOINT_DRIVE
 from softsim_core.errors import SceneError, listing
+from softsim_core.wrong_names import known_names
 
 FRAME_KINDS = ("revolute", "prismatic")
 """Kinds of joints that move a frame; their actuator is a joint drive."""
@@ -70,8 +71,9 @@ def actuator_kind(name: str) -> ActuatorKind:
         SceneError: there is none.
     """
     if name not in _kinds:
+        known = known_names(name, _kinds, "known kinds:")
         raise SceneError(
-            f"unknown actuator kind {name!r}; known kinds: {listing(_kinds)}; register others with "
+            f"unknown actuator kind {name!r}; {known}; register others with "
             "softsim_core.actuation.register_actuator"
         )
     return _kinds[name]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, listing
+from softsim_core.wrong_names import known_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +96,8 @@ class JointTrajectory:
         """
         unknown = [name for name in self.joints if name not in joint_names]
         if unknown:
-            raise _refused(f"unknown joint {listing(unknown)}; known joints: {listing(joint_names)}")
+            known = known_names(unknown[0], joint_names, "known joints:")
+            raise _refused(f"unknown joint {listing(unknown)}; {known}")
 
     def sample(
         self, time: float, start_positions: ArrayLike, joint_names: Sequence[str] | None = None

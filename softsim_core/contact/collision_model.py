@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -157,6 +158,12 @@ class CollisionModel:
             if each.vertices.start == surface.vertices.start
         )
         self._known: Known | None = None
+
+    def of_another_copy(self) -> CollisionModel:
+        """The same surfaces for another copy of the scene, in the same room to work in."""
+        other = copy(self)
+        other._fixed, other._bases, other._known = self._fixed.copy(), np.zeros(0), None
+        return other
 
     # --- where things are ---
 

@@ -9,10 +9,12 @@ import scipy.sparse as sp
 
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.fem.assembly import elastic_forces, stiffness_matrix
+from softsim_core.fem.assembly import elastic_forces, matrix_of_blocks, stiffness_matrix
+from softsim_core.fem.materials.section import DAMPING
 from softsim_core.fem.prony import held_stiffness
+from softsim_core.fem.rods import RodGroup, rod_drag, rod_viscosity
 from softsim_core.mechanics.control import Parameters
-from softsim_core.mechanics.model import Model
+from softsim_core.mechanics.model import Model, MotionSubspace, RigidRegion
 from softsim_core.mechanics.state import State, held_name
 
 
@@ -79,12 +81,42 @@ def node_stiffness(
 
     The exact derivative -df/dx, or the `positive` semidefinite one that a time step solves with; see
     Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`
-    and `mean_share`: see fem.assembly.cell_stiffness.
+    and `mean_share`: see fem.cells.cell_stiffness.
     """
     cells = stiffness_matrix(
         model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share
     )
     return cells + sp.diags(np.repeat(model.spring, 3))
+
+
+def viscosity_matrix(model: Model, state: State, parameters: Parameters) -> sp.csr_matrix | None:
+    """What the laws of rods add to the damping, in [N s/m], shape (3 n, 3 n); None: nothing."""
+    damped = _damped_rods(model, parameters)
+    if not damped:
+        return None
+    blocks = [rod_viscosity(group, state.positions, p) for group, p in damped]
+    return matrix_of_blocks(len(model.rest), [group.cells for group, _ in damped], blocks)
+
+
+def viscous_forces(
+    model: Model, before: Array, positions: Array, parameters: Parameters, dt: float
+) -> Array | None:
+    """Forces of the damping of rods' laws in [N] on nodes that were at `before`, (n, 3); None: none."""
+    damped = _damped_rods(model, parameters)
+    if not damped:
+        return None
+    forces = np.zeros_like(positions)
+    for group, p in damped:
+        np.add.at(forces, group.cells, rod_drag(group, before, positions, p, dt))
+    return forces
+
+
+def _damped_rods(model: Model, parameters: Parameters) -> list[tuple[RodGroup, Array]]:
+    """Groups of rods whose law has damping, with its values."""
+    if not any(each.get(DAMPING.name) for each in parameters.materials):
+        return []
+    rods = [group for group in model.groups if isinstance(group, RodGroup)]
+    return [(group, group.values(parameters.materials)) for group in rods]
 
 
 def held_matrix(model: Model, state: State) -> sp.csr_matrix | None:
@@ -120,14 +152,28 @@ def static_tangent(
     mapping, motion_subspace = jacobian(model, at, state), model.motion_subspace(state)
     reduced = np.zeros((model.reduced_size, model.reduced_size))
     for region in model.regions:
-        lever = state.positions[region.nodes] - motion_subspace.origin[region.reduced[-1]]
-        product = lever.T @ forces[region.nodes]
-        turned = 0.5 * (product + product.T) - np.trace(product) * np.eye(3)
-        angular = motion_subspace.angular[region.reduced]
-        reduced[np.ix_(region.reduced, region.reduced)] -= angular @ turned @ angular.T
+        reduced[np.ix_(region.reduced, region.reduced)] -= turned_work(
+            motion_subspace, region, state.positions[region.nodes], forces[region.nodes]
+        )
     reduced[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
     empty = sp.csr_matrix((at.first_reduced, at.first_reduced))
     return (mapping.T @ stiffness @ mapping + sp.block_diag((empty, reduced))).tocsr()
+
+
+def turned_work(motion: MotionSubspace, region: RigidRegion, points: Array, forces: Array) -> Array:
+    """Second derivative of the work of forces (k, 3) on a region's nodes at points (k, 3), by what moves it.
+
+    Of two joints, the outer one turns how the inner one moves the nodes: f . (w_a x u_b). Of the six of a
+    frame, which turn at once, half of both orders counts, and what only slides nothing.
+    """
+    moved = motion.jacobians(region.reduced, points)
+    product = np.einsum("kbi,kj->bij", moved, forces)
+    torque = np.stack([product[:, i - 2, i - 1] - product[:, i - 1, i - 2] for i in range(3)], axis=1)
+    work = motion.angular[region.reduced] @ torque.T
+    if region.frame >= 0:
+        turning = motion.angular[region.reduced].any(axis=1)
+        return np.asarray(0.5 * (work + work.T) * np.outer(turning, turning))
+    return np.asarray(np.triu(work) + np.triu(work, 1).T)
 
 
 def top_speed(model: Model, state: State) -> float:

@@ -14,8 +14,18 @@ from softsim_core.linalg.solvers import AUTO, COMPILED, ITERATIVE, linear_solver
 from softsim_core.mechanics.model import Model
 
 
+def has_compiled_step(solver: str) -> bool:
+    """Whether a step with that linear solver can be compiled."""
+    return solver in (AUTO, COMPILED, ITERATIVE)
+
+
 def make_stepper(
-    model: Model, backend: Backend, actuators: Actuators | None = None, solver: str = AUTO
+    model: Model,
+    backend: Backend,
+    actuators: Actuators | None = None,
+    solver: str = AUTO,
+    like: Stepper | None = None,
+    threads: int | None = None,
 ) -> Stepper:
     """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once).
 
@@ -24,12 +34,15 @@ def make_stepper(
         actuators: What pulls and pushes at the command of joints; None: nothing.
         backend: The compiled step is one with its linear solver; any other solver runs with plain assembly.
         solver: Name of the linear solver, see linalg.solvers.
+        like: That of another copy of the scene, which is never in a step at the same time: the compiled step
+            uses its plan and its room to work in again.
+        threads: Of the compiled step of a large mesh; None: as many as the process may use.
 
     Raises:
         SceneError: no such solver, one that does not go with the backend, or Numba is missing.
     """
     actuators = actuators if actuators is not None else Actuators()
-    chosen, compiled = linear_solver(solver), solver in (AUTO, COMPILED, ITERATIVE)
+    chosen, compiled = linear_solver(solver), has_compiled_step(solver)
     if backend == "numba" and not compiled:
         raise SceneError(
             f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"
@@ -38,7 +51,9 @@ def make_stepper(
         try:
             from softsim_core.dynamics.numba_backend.stepper import NumbaStepper
 
-            return NumbaStepper(model, actuators, None if solver == AUTO else solver == ITERATIVE)
+            earlier = like if isinstance(like, NumbaStepper) else None
+            iterative = None if solver == AUTO else solver == ITERATIVE
+            return NumbaStepper(model, actuators, iterative, earlier, threads)
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
                 raise

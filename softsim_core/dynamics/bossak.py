@@ -14,8 +14,11 @@ it is an implicit Euler step of length p = h beta / gamma with other masses, sta
 
 so the steppers of implicit Euler do it. Damping takes the mean velocity of the step, and is of first order:
 the one at its end is a motion of places that the nodes have not reached, and would damp the turning of a
-body. Where no acceleration is known yet, it is that of an implicit Euler step that is taken back. Where
-something touches what deforms, a step is one of implicit Euler: it forgets at once what an impact does.
+body. Where no acceleration is known yet, it is that of an implicit Euler step that is taken back.
+
+A place that does not move, since a contact holds it, has velocities and accelerations that fall by r per step
+and change their sign: of the two numbers r is the double eigenvalue. So with r = 0 they are gone after two
+steps, and contacts hold still; see contact_step.
 
 Sources: Wood, Bossak, Zienkiewicz 1980, An alpha modification of Newmark's method; Chung, Hulbert 1993.
 """
@@ -24,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,10 +35,13 @@ import numpy as np
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.assembly import top_speed
+from softsim_core.dynamics.iterations import IteratedFreeMotion, IteratedStepper
 from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.stepper import Stepper, StepperAround
+from softsim_core.dynamics.stepper import StepperAround
+from softsim_core.fem.materials.section import DAMPING
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import FREE, Model
+from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import ACCELERATION, REDUCED_ACCELERATION, State
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -57,7 +64,9 @@ class BossakStepper(StepperAround):
         spectral_radius: r, from 0 to 1: of the highest frequencies so much is left after each step.
     """
 
-    def __init__(self, euler: Stepper, of_model: Callable[[Model], Stepper], spectral_radius: float) -> None:
+    def __init__(
+        self, euler: IteratedStepper, of_model: Callable[[Model], IteratedStepper], spectral_radius: float
+    ) -> None:
         super().__init__(euler)
         model = euler.model
         alpha = (spectral_radius - 1.0) / (spectral_radius + 1.0)
@@ -79,23 +88,43 @@ class BossakStepper(StepperAround):
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
-        before = self._before
-        before.copy_from(state)
         if not self.goes_on(state):
+            before = self._before
+            before.copy_from(state)
             self._inner.step(state, control, parameters)
-            self.keep_acceleration(state, before)
-            for name in (ACCELERATION, REDUCED_ACCELERATION):
-                before.extra[name][:] = state.extra[name]
-            state.copy_from(before)
-        start = self._start_of(before, control)
+            self.take_back(state, before)
+        start, damping = self._enter(state, control, parameters)
+        report = self._step.step(state, start.control, damping)
+        return self._leave(report, state, start, control)
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> BossakFreeMotion:
+        """See Stepper; from a state whose accelerations are known."""
+        start, damping = self._enter(state, control, parameters)
+        motion = self._step.free_motion(state, start.control, damping)
+        leave = partial(self._leave, start=start, control=control)
+        return BossakFreeMotion(motion, self._before, self._length / self.model.dt, leave)
+
+    def next_move(self, motion: BossakFreeMotion, complete: Callable[[BossakFreeMotion], object]) -> float:
+        """See IteratedStepper."""
+        return self._step.next_move(motion.inner, lambda further: complete(motion.after(further)))
+
+    def _enter(self, state: State, control: Control, parameters: Parameters) -> tuple[_Start, Parameters]:
+        """Make `state` the start of the implicit Euler step of other length; what that takes."""
+        self._before.copy_from(state)
+        start = self._start_of(self._before, control)
         state.velocities[:], state.reduced_velocities[:] = start.velocities, start.reduced
+        length = self._length / self.model.dt
         damping = replace(  # takes the mean velocity of the step
             parameters,
-            rayleigh_stiffness=parameters.rayleigh_stiffness * self._length / self.model.dt,
+            materials=[_damped(each, length) for each in parameters.materials],
+            rayleigh_stiffness=parameters.rayleigh_stiffness * length,
             rayleigh_mass=parameters.rayleigh_mass * self._span / self.model.dt,
         )
-        report = self._step.step(state, start.control, damping)
-        self._end(state, before, start)
+        return start, damping
+
+    def _leave(self, report: StepReport, state: State, start: _Start, control: Control) -> StepReport:
+        """Make `state`, the end of that step, the end of this one; what it tells."""
+        self._end(state, self._before, start)
         springs = self._stiffness * (control.targets - state.joint_positions)
         state.joint_efforts[self._compliant] = springs[self._compliant]
         return replace(report, top_speed=top_speed(self.model, state))
@@ -125,6 +154,7 @@ class BossakStepper(StepperAround):
     def _end(self, state: State, before: State, start: _Start) -> None:
         """Velocities and accelerations by what the step has changed."""
         h, a, b = self.model.dt, state.extra[ACCELERATION], state.extra[REDUCED_ACCELERATION]
+        a[:], b[:] = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
         change, turn = state.velocities - start.velocities, state.reduced_velocities - start.reduced
         state.velocities[:] = before.velocities + change
         state.reduced_velocities[:] = before.reduced_velocities + turn
@@ -145,14 +175,71 @@ class BossakStepper(StepperAround):
         """Something was hit: the next step begins anew."""
         state.extra[ACCELERATION][:] = state.extra[REDUCED_ACCELERATION][:] = 0.0
 
-    def keep_acceleration(self, state: State, before: State) -> None:
-        """Write down how an implicit Euler step from `before` to `state` has accelerated."""
+    def take_back(self, state: State, before: State) -> None:
+        """Back to `before`, but for how an implicit Euler step has accelerated from there to `state`."""
         h = self.model.dt
-        state.extra[ACCELERATION][:] = (state.velocities - before.velocities) / h
-        state.extra[ACCELERATION][self._held] = 0.0
+        acceleration = (state.velocities - before.velocities) / h
+        acceleration[self._held] = 0.0
         reduced = (state.reduced_velocities - before.reduced_velocities) / h
         reduced[self._led] = 0.0
-        state.extra[REDUCED_ACCELERATION][:] = reduced
+        state.copy_from(before)
+        state.extra[ACCELERATION][:], state.extra[REDUCED_ACCELERATION][:] = acceleration, reduced
+
+
+class BossakFreeMotion:
+    """See FreeMotion: that of the implicit Euler step of other length, at its end turned into this one's.
+
+    Args:
+        inner: That of the other step.
+        before: The state at the start.
+        ratio: Length of the other step as a part of this one's.
+        leave: Turns its end into this one's.
+
+    Attributes:
+        inner: As given.
+    """
+
+    def __init__(
+        self,
+        inner: IteratedFreeMotion,
+        before: State,
+        ratio: float,
+        leave: Callable[[StepReport, State], StepReport],
+    ) -> None:
+        self.inner, self.state, self.before = inner, inner.state, before
+        self._ratio, self._leave = ratio, leave
+        self.violations = inner.violations
+        self.report = leave(inner.report, inner.state)
+
+    @property
+    def defect(self) -> Array | None:
+        """See FreeMotion."""
+        left = self.inner.defect
+        return None if left is None else self._ratio * left
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion; in places per force and dt^2."""
+        return self._ratio**2 * self.inner.compliance(rows)
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion; impulses are forces at the end of the step times dt."""
+        return self._leave(self.inner.correct(self._ratio * impulses), self.state)
+
+    def wants_more(self) -> bool:
+        """See IteratedFreeMotion."""
+        return self.inner.wants_more()
+
+    def strays(self) -> bool:
+        """See IteratedFreeMotion."""
+        return self.inner.strays()
+
+    def again(self, state: State) -> BossakFreeMotion:
+        """See IteratedFreeMotion."""
+        return self.after(self.inner.again(state))
+
+    def after(self, further: IteratedFreeMotion) -> BossakFreeMotion:
+        """This one of a further iteration."""
+        return BossakFreeMotion(further, self.before, self._ratio, self._leave)
 
 
 class _RegionNodes:
@@ -173,6 +260,12 @@ class _RegionNodes:
         spins = (moved_by @ motion.angular)[:, self._region]
         drifts = (moved_by @ (motion.linear - _cross(motion.angular, motion.origin)))[:, self._region]
         return np.asarray(_cross(spins, state.positions[self.nodes]) + drifts)
+
+
+def _damped(values: dict[str, float], factor: float) -> dict[str, float]:
+    """Values of a law by name, with so many times its damping, if it has any."""
+    damping = values.get(DAMPING.name)
+    return {**values, DAMPING.name: factor * damping} if damping else values
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -8,30 +8,34 @@
 6. the true shapes at the end: where surfaces are nearer than they may be, or something has passed a surface
    on its way, again from 2, linearised about where that led, or about the last place before the passing.
 
+Steps of second order have their free motions, and contacts act at their ends. As long as something is held,
+they damp high frequencies most, r = 0 (see bossak), and a step in which something is struck is one of
+implicit Euler: what an impact does to accelerations is forgotten.
+
 Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable objects (constraint-based).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.collision_model import CollisionModel, Place
 from softsim_core.contact.detection import Proximities, measured_gaps
 from softsim_core.contact.linearised import LinearisedContacts, linearise
 from softsim_core.contact.solver import ContactSolution, solve_contacts
-from softsim_core.dynamics.bossak import BossakStepper
-from softsim_core.dynamics.iterations import IteratedStepper
+from softsim_core.dynamics.bossak import BossakFreeMotion, BossakStepper
+from softsim_core.dynamics.iterations import IteratedFreeMotion, IteratedStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
-from softsim_core.dynamics.stepper import FreeMotion, StepperAround
+from softsim_core.dynamics.stepper import StepperAround
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.rigid import RigidBodies
-from softsim_core.mechanics.state import State, no_warm_start
+from softsim_core.mechanics.state import HOLDING, State, no_warm_start
 
 MOST_PASSES = 10
 """Times that the contacts of a step are solved at most."""
@@ -42,22 +46,13 @@ MOST_ROUNDS = 10
 
 _SHORT = 0.95
 """Share of the way to the first passing at which contacts are linearised anew."""
+_FreeMotion = IteratedFreeMotion | BossakFreeMotion
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 
 
 def runaway_speed(size: float, dt: float) -> float:
     """Speed in [m/s] from which on what is in a scene of `size` [m] has run away in steps of `dt` [s]."""
     return RUNAWAY_SIZES * size / dt
-
-
-@dataclass(slots=True)
-class Uncorrected:
-    """A motion to which forces on nodes and joints cannot be added: rigid bodies only may touch in it."""
-
-    state: State
-    before: State
-    report: StepReport
-    violations: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Pass(NamedTuple):
@@ -107,62 +102,70 @@ class ContactStepper(StepperAround):
     Args:
         inner: The step of nodes, joints and actuators; contacts hold in each of its iterations.
         collisions: What may touch; None: nothing.
-        smooth: Another one, for steps in which nothing touches what deforms, joints or actuators.
+        smooth: Steps of second order: one while nothing holds what deforms, joints or actuators, and one
+            while something does; None: all steps are those of `inner`.
     """
 
     def __init__(
         self,
         inner: IteratedStepper,
         collisions: CollisionModel | None,
-        smooth: BossakStepper | None = None,
+        smooth: tuple[BossakStepper, BossakStepper] | None = None,
     ) -> None:
         super().__init__(inner)
         self._iterated = inner
         self._collisions, self._smooth = collisions, smooth
-        self._before = inner.model.empty_state()
-        self._free = inner.model.empty_state()
+        self._start, self._free = inner.model.empty_state(), inner.model.empty_state()
+        self._holding: IndexArray = np.zeros(0, np.int64)  # keys of what holds more than rigid bodies
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
-        smooth = self._smooth
-        if smooth is not None and (smooth.goes_on(state) or not state.warm_start[:, 1:].any()):
-            self._before.copy_from(state)
-            report = smooth.step(state, control, parameters)
-            held = self._complete(Uncorrected(state, self._before, report), control)
-            if held is not None:
-                return held
-            state.copy_from(self._before)
-        inner = self._iterated
-        free = inner.free_motion(state, control, parameters)
-        done = self._completed(free, control)
+        if self._smooth is None:
+            return self._advance(self._iterated, state, control, parameters)
+        smooth, start = self._smooth[int(state.extra[HOLDING][0])], self._start
+        start.copy_from(state)
+        if not smooth.goes_on(state):
+            report = self._advance(self._iterated, state, control, parameters)
+            if not np.isfinite(report.top_speed):
+                return report
+            smooth.take_back(state, start)
+        report = self._advance(smooth, state, control, parameters)
+        if self._has_struck(start):
+            state.copy_from(start)
+            report = self._advance(self._iterated, state, control, parameters)
+            smooth.forget_acceleration(state)
+        state.extra[HOLDING][:] = len(self._holding) > 0
+        return report
+
+    def _has_struck(self, start: State) -> bool:
+        """Whether something holds at the end of the step that did not at its start."""
+        held = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
+        return not bool(np.isin(self._holding, held).all())
+
+    def _advance(
+        self, inner: IteratedStepper | BossakStepper, state: State, control: Control, parameters: Parameters
+    ) -> StepReport:
+        """One step around that of `inner`, with its iterations."""
+        free: Any = inner.free_motion(state, control, parameters)  # inner's own kind, as next_move takes it
+        complete = partial(self._complete, control=control)
+        done = complete(free)
         while free.wants_more():
             further = free.again(state)
-            report = self._completed(further, control)
+            report = complete(further)
             if further.strays():
                 break
             free, done = further, report
-        complete = partial(self._completed, control=control)
-        done = replace(done, estimate=partial(inner.next_move, free, complete))
-        if smooth is not None and state.warm_start[:, 1:].any():
-            smooth.forget_acceleration(state)
-        elif smooth is not None:
-            smooth.keep_acceleration(state, free.before)
-        return done
+        return replace(done, estimate=partial(inner.next_move, free, complete))
 
-    def _completed(self, free: FreeMotion, control: Control) -> StepReport:
-        done = self._complete(free, control)
-        assert done is not None
-        return done
-
-    def _complete(self, free: FreeMotion | Uncorrected, control: Control) -> StepReport | None:
-        """Move rigid bodies and solve the contacts; None if they reach more than `Uncorrected` can."""
+    def _complete(self, free: _FreeMotion, control: Control) -> StepReport:
+        """Move rigid bodies and solve the contacts."""
         model, collisions, state = self.model, self._collisions, free.state
         report, before = free.report, free.before
         if model.rigid.names:
             model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
             model.rigid.advance(state, before, model.dt)
             report = _faster(report, state, model.rigid)
-        state.warm_start = no_warm_start()
+        state.warm_start, self._holding = no_warm_start(), np.zeros(0, np.int64)
         if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
             if model.rigid.names and np.isfinite(report.top_speed):
                 model.rigid.finish(state, before)
@@ -172,11 +175,11 @@ class ContactStepper(StepperAround):
 
     def _hold(
         self,
-        motion: FreeMotion | Uncorrected,
+        motion: _FreeMotion,
         report: StepReport,
         control: Control,
         collisions: CollisionModel,
-    ) -> StepReport | None:
+    ) -> StepReport:
         """Solve the contacts of a step, linearised again until the true shapes have room at its end.
 
         Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
@@ -194,8 +197,6 @@ class ContactStepper(StepperAround):
             watch.mark("detect")
             state.copy_from(self._free)
             reached, solution, end = report, _NO_FORCES, free
-            if len(touching.rows.place) and isinstance(motion, Uncorrected):
-                return None
             if len(touching):
                 reached, solution = self._solve(motion, report, control, touching, warm_start, watch)
                 if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
@@ -220,6 +221,7 @@ class ContactStepper(StepperAround):
         if best.room[0] < 1.0:
             best = self._cut(best, state, collisions, start)
         state.warm_start = best.touching.warm_start(best.solution.forces)
+        self._holding = _holding(best)
         watch.mark("detect")
         return replace(
             _faster(best.report, state, self.model.rigid),
@@ -239,7 +241,7 @@ class ContactStepper(StepperAround):
 
     def _solve(
         self,
-        motion: FreeMotion | Uncorrected,
+        motion: _FreeMotion,
         report: StepReport,
         control: Control,
         touching: LinearisedContacts,
@@ -256,7 +258,6 @@ class ContactStepper(StepperAround):
         compliance = np.zeros((len(touching.gap),) * 2)
         kept = self.actuators.kept_in(before, control)
         if reaches:
-            assert not isinstance(motion, Uncorrected)  # see _hold
             compliance = h * h * motion.compliance(touching.rows)
             np.einsum("ii->i", compliance)[:acting] += kept.compliance[:acting]
         moves = model.rigid.response(before, touching.on_rigid)
@@ -281,7 +282,6 @@ class ContactStepper(StepperAround):
             watch.mark("forces")
             if not reaches:
                 break
-            assert not isinstance(motion, Uncorrected)
             velocities = state.rigid_velocities.copy()
             report = motion.correct(h * np.append(first[:acting] - multipliers, forces))
             state.rigid_velocities = velocities
@@ -299,6 +299,14 @@ class ContactStepper(StepperAround):
             report = _faster(report, state, model.rigid)
         watch.mark("correct")
         return report, solution._replace(forces=forces)
+
+
+def _holding(done: Pass) -> IndexArray:
+    """Keys of the contacts with a force on what deforms, joints or frames."""
+    touching = done.touching
+    reaches = np.diff(touching.rows.start)[::3] > 0
+    pressed = done.solution.forces.reshape(-1, 3).any(axis=1)
+    return np.asarray(touching.keys[reaches & pressed], dtype=np.int64)
 
 
 def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:

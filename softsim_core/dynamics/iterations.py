@@ -19,7 +19,8 @@ What is stiff along itself and bends easily, as layers, fibres and rods, has the
 .. math:: \frac{r_K}{h} \bigl(f(x^+) - f(x)\bigr)
 
 instead, to first order the same. K v would take a turning by the angle a within the step for a strain of
-a^2 / 2, which outweighs all bending; and here K has the derivative of all.
+a^2 / 2, which outweighs all bending; and here K has the derivative of all. What the law of rods damps takes
+the change of the strains from x to x^+ in the same way.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ import numpy as np
 
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array
-from softsim_core.dynamics.assembly import top_speed
+from softsim_core.dynamics.assembly import top_speed, viscosity_matrix, viscous_forces
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import FreeMotion, Stepper, StepperAround
-from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_answer
+from softsim_core.fem.cells import cell_forces, cell_stiffness, mean_volume_answer
 from softsim_core.fem.materials.strain import StrainMaterial
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.pose import rotation_log
@@ -155,6 +156,12 @@ class IteratedStepper(StepperAround):
                 answer = mean_volume_answer(group, reached.positions, p, straining)
                 forces += h / (h + damping) * damping * answer
             forces += damping * self._strained(parameters, straining)
+            viscous = viscosity_matrix(model, reached, parameters)
+            if viscous is not None:  # that of rods' laws takes the strains that have changed, see the module
+                forces += damping / (h + damping) * (viscous @ straining.ravel()).reshape(-1, 3)
+        dragging = viscous_forces(model, before.positions, reached.positions, parameters, h)
+        if dragging is not None:
+            forces += dragging
         targets, held = control.targets, self._compliant
         if len(held):
             rate, gains = self._joint_rates(reached)[held], self._gains(reached)[held]

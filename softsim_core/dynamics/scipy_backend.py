@@ -21,11 +21,13 @@ from softsim_core.dynamics.assembly import (
     static_forces,
     static_tangent,
     top_speed,
+    viscosity_matrix,
 )
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
-from softsim_core.fem.assembly import inverted_cells, matrix_of_blocks, von_mises_stress
+from softsim_core.fem.assembly import matrix_of_blocks, von_mises_stress
+from softsim_core.fem.cells import inverted_cells
 from softsim_core.linalg.bounded import solve_bounded
 from softsim_core.linalg.linear_solver import Factoriser, Factors, LinearSolver
 from softsim_core.linalg.solvers import linear_solver
@@ -178,7 +180,7 @@ class ScipyStepper:
             state: See Stepper.
             control: See Stepper.
             parameters: See Stepper.
-            moved: See fem.assembly.cell_stiffness; with it, the matrix holds what taut actuators add, too.
+            moved: See fem.cells.cell_stiffness; with it, the matrix holds what taut actuators add, too.
             pressed: What actuators add on surfaces, see ActuatorGroup.surface_stiffness; none: left out.
 
         Returns:
@@ -198,8 +200,13 @@ class ScipyStepper:
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
         straining = self._turning.lagging(state, control, parameters.rayleigh_stiffness / lag)
         force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)
+        lagging = lag * stiffness
+        viscous = viscosity_matrix(model, state, parameters)
+        if viscous is not None:
+            force -= (viscous @ straining.ravel()).reshape(-1, 3)
+            lagging = lagging + viscous
         damped = 1.0 + h * parameters.rayleigh_mass
-        full = h * lag * stiffness + sp.diags(np.repeat(damped * model.mass, 3))
+        full = h * lagging + sp.diags(np.repeat(damped * model.mass, 3))
         if model.coupling is not None:
             force -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             full = full + sp.kron(damped * model.coupling.matrix, sp.eye(3), format="csr")

@@ -19,7 +19,7 @@ from softsim_core.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.errors import FactorisationError, NotConvergedError
-from softsim_core.fem.assembly import inverted_cells
+from softsim_core.fem.cells import inverted_cells
 from softsim_core.linalg.linear_solver import Factoriser, LinearSolver
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model, RigidRegion

@@ -18,7 +18,7 @@ from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Stepper, StepperAround
 from softsim_core.dynamics.strains import strain_measure
 from softsim_core.errors import FactorisationError
-from softsim_core.fem.assembly import mean_volume_law
+from softsim_core.fem.cells import mean_volume_law
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.corotational import RotatedHooke
 from softsim_core.fem.materials.strain import Fibres

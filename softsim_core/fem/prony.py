@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.fem.assembly import deformation_gradients
+from softsim_core.fem.cells import deformation_gradients
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.material import Material
 from softsim_core.fem.materials.relaxing import SHARE, TIME, Relaxing

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.fem.assembly import cauchy_stress
+from softsim_core.fem.cells import cauchy_stress
 from softsim_core.fem.elements.element import Element
 from softsim_core.fem.group import ElementGroup
 

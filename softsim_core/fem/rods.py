@@ -39,6 +39,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.fem.cells import cauchy_stress, cell_energy, cell_forces, cell_stiffness
 from softsim_core.fem.elements.element import ElementData
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.section import Section
@@ -376,8 +377,9 @@ def joined(groups: Sequence[RodGroup]) -> RodGroup:
     )
 
 
+@cell_energy.register
 def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.assembly.cell_energy."""
+    """See fem.cells.cell_energy."""
     total = np.zeros(len(group.cells))
     for points, stiffness in group.families(p):
         strain, _ = points.strains(points.products(points.vectors(positions, group.cells)))
@@ -387,8 +389,9 @@ def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
     return total
 
 
+@cell_forces.register
 def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.assembly.cell_forces."""
+    """See fem.cells.cell_forces."""
     total = np.zeros((*group.cells.shape, 3))
     for points, stiffness in group.families(p):
         vectors = points.vectors(positions, group.cells)
@@ -399,10 +402,17 @@ def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
     return total
 
 
+@cell_stiffness.register
 def rod_stiffness(
-    group: RodGroup, positions: Array, p: Array, positive: bool = False, moved: Array | None = None
+    group: RodGroup,
+    positions: Array,
+    p: Array,
+    positive: bool = False,
+    distant: bool = False,
+    moved: Array | None = None,
+    mean_share: float = 1.0,
 ) -> Array:
-    """See fem.assembly.cell_stiffness; a positive one has of the resultants only what stretches."""
+    """See fem.cells.cell_stiffness; a positive or distant one has of the resultants only what stretches."""
     count, a = group.cells.shape
     total = np.zeros((count, a, a, 3, 3))
     for points, stiffness in group.families(p):
@@ -416,7 +426,7 @@ def rod_stiffness(
         pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
         moduli = np.swapaxes(by_products, -1, -2) @ stiffness @ by_products
         moduli *= points.lengths[..., None, None]
-        if positive and moved is None:
+        if (positive or distant) and moved is None:
             stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
             pulling = np.where(stretches, np.maximum(pulling, 0.0), 0.0)
         else:
@@ -435,8 +445,47 @@ def rod_stiffness(
     return total
 
 
+def rod_viscosity(group: RodGroup, positions: Array, p: Array) -> Array:
+    """-df_a/dv_b of the law's damping in [N s/m], shape (m, a, a, 3, 3): positive, and none for a turning."""
+    assert isinstance(group.material, Section)
+    count, a = group.cells.shape
+    total = np.zeros((count, 3 * a, 3 * a))
+    damping = group.material.damping(p)[:, None, None, None]
+    for points, stiffness in group.families(p):
+        by_places, weighted = (
+            _by_places(points, group, positions),
+            points.lengths[..., None, None] * stiffness,
+        )
+        total += (np.swapaxes(by_places, -1, -2) @ (damping * weighted) @ by_places).sum(axis=1)
+    return total.reshape(count, a, 3, a, 3).swapaxes(2, 3)
+
+
+def rod_drag(group: RodGroup, before: Array, positions: Array, p: Array, dt: float) -> Array:
+    """Forces of the law's damping in [N] where the strains at `before` became others in dt, (m, a, 3)."""
+    assert isinstance(group.material, Section)
+    total = np.zeros((*group.cells.shape, 3))
+    damping = group.material.damping(p)[:, None, None]
+    for points, stiffness in group.families(p):
+        old, new = (
+            points.strains(points.products(points.vectors(at, group.cells))).values
+            for at in (before, positions)
+        )
+        resultants = damping * points.lengths[..., None] * (stiffness @ ((new - old) / dt)[..., None])[..., 0]
+        by_places = _by_places(points, group, positions)
+        total -= np.einsum("mqk,mqkc->mc", resultants, by_places).reshape(total.shape)
+    return total
+
+
+def _by_places(points: StrainPoints, group: RodGroup, positions: Array) -> Array:
+    """Derivatives of the strains by the places of a cell's nodes, shape (m, q, k, 3 a)."""
+    vectors = points.vectors(positions, group.cells)
+    slopes = points.slopes(vectors)
+    return points.strains(points.products(vectors)).slopes @ slopes.reshape(*slopes.shape[:3], -1)
+
+
+@cauchy_stress.register
 def rod_stress(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.assembly.cauchy_stress: that of the fibre that is stressed most, with the shear at its place.
+    """See fem.cells.cauchy_stress: that of the fibre that is stressed most, with the shear at its place.
 
     Of clamps and of sections that are given by their stiffness it is what the shape that is drawn would have.
     """

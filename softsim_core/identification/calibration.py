@@ -8,13 +8,14 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from softsim_core.errors import ConfigError, DataError, SceneError, listing
+from softsim_core.errors import ConfigError, DataError, SceneError
 from softsim_core.identification.expressions import names_in
 from softsim_core.identification.files import DataSet, known_data_sets, load_data_set
 from softsim_core.identification.session import Session, load_session
 from softsim_core.scene.structure import structured
 from softsim_core.scene.yaml_source import read_extended
 from softsim_core.values import FieldError, need_finite, need_positive
+from softsim_core.wrong_names import known_names
 
 Loss: TypeAlias = Literal["linear", "soft_l1"]
 
@@ -96,7 +97,9 @@ class CalibrationDescription:
             raise SceneError(f"{owner}: give one parameter or more, each with its own name")
         used = names_in(self.overlay)
         for name in used - set(names):
-            raise SceneError(f"{owner}: the overlay names {name!r}; the parameters are {listing(names)}")
+            raise SceneError(
+                f"{owner}: the overlay names {name!r}; {known_names(name, names, 'the parameters are')}"
+            )
         for name in names:
             if name not in used:
                 raise SceneError(f"{owner}: parameter {name} stands nowhere in the overlay; use or remove it")
@@ -121,7 +124,7 @@ def calibration_sessions(description: CalibrationDescription, data: DataSet) -> 
             raise DataError(
                 f"calibration {description.name}",
                 "",
-                f"no session {name!r} to replay; there are {listing(known)}",
+                f"no session {name!r} to replay; {known_names(name, known, 'there are')}",
             )
     chosen = [each for each in there if not description.sessions or each.name in description.sessions]
     return [_training_rows(load_session(data, each)) for each in chosen]
@@ -154,7 +157,7 @@ def find_calibration(text: str) -> Path:
     known = known_calibrations()
     if text not in known:
         raise ConfigError(
-            text, "", f"no such file, and no calibration of that name; known: {listing(tuple(known))}"
+            text, "", f"no such file, and no calibration of that name; {known_names(text, known)}"
         )
     return known[text]
 

@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, TypeAlias
 from softsim_core.errors import SceneError, listing
 from softsim_core.units import SCALES, Quantity
 from softsim_core.values import FieldError, Vector, need_finite
+from softsim_core.wrong_names import known_names
 
 Axis: TypeAlias = Literal["x", "-x", "y", "-y", "z", "-z"]
 
@@ -266,7 +267,9 @@ class SessionDescription:
             if other.sensor is None and len(names) > 1:
                 raise SceneError(f"{owner}: model {other.name} must name its sensor: {listing(names)}")
             if other.sensor is not None and other.sensor not in names:
-                raise SceneError(f"{owner}: unknown sensor {other.sensor!r}; known: {listing(names)}")
+                raise SceneError(
+                    f"{owner}: unknown sensor {other.sensor!r}; {known_names(other.sensor, names)}"
+                )
         if self.time is None and any(sensor.displacement for sensor in self.sensors):
             raise SceneError(f"{owner}: displacement needs a time column: the rows up to time 0 are its zero")
         taken: dict[str, str] = {}

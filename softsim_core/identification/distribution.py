@@ -97,7 +97,7 @@ def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
         robot: What the overlay is laid over.
     """
     problem, wanted = result.problem, result.description.parameters
-    errors = np.minimum(result.errors, problem.span / np.sqrt(12.0))
+    errors = np.minimum(result.widening * result.errors, problem.span / np.sqrt(12.0))
     correlation = np.where(np.isfinite(result.correlation), result.correlation, 0.0)
     np.fill_diagonal(correlation, 1.0)
     covariance = correlation * np.multiply.outer(errors, errors)

@@ -8,7 +8,8 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
+from softsim_core.wrong_names import known_names
 
 MARK: Final = "="
 """A string that begins so is an expression."""
@@ -60,6 +61,8 @@ def evaluated(expression: str, values: Mapping[str, float]) -> float:
     """The value of an expression: numbers, names, + - * / ** and brackets; errors as `filled`."""
     try:
         value = _value(_parsed(expression), values, expression)
+    except SceneError:  # a ValueError, too
+        raise
     except (ArithmeticError, ValueError):
         value = math.nan
     if not math.isfinite(value):
@@ -85,8 +88,8 @@ def _value(node: ast.expr, values: Mapping[str, float], expression: str) -> floa
         return float(node.value)
     if isinstance(node, ast.Name):
         if node.id not in values:
-            known = listing(tuple(values))
-            raise SceneError(f"the expression {expression!r} names {node.id!r}; the parameters are {known}")
+            known = known_names(node.id, values, "the parameters are")
+            raise SceneError(f"the expression {expression!r} names {node.id!r}; {known}")
         return values[node.id]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         inner = _value(node.operand, values, expression)

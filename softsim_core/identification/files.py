@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from softsim_core.errors import ConfigError, DataError, listing
+from softsim_core.errors import ConfigError, DataError
 from softsim_core.identification.description import DataSetDescription, SessionDescription
 from softsim_core.scene.files import config_roots
 from softsim_core.scene.structure import structured
 from softsim_core.scene.yaml_source import read_extended
+from softsim_core.wrong_names import known_names
 
 DESCRIPTION: Final = "dataset.yaml"
 FOLDER: Final = "datasets"
@@ -90,11 +90,7 @@ def _find(text: str) -> Path:
         return known[text].absolute()
     if path.is_dir():
         raise ConfigError(text, "", f"holds no {DESCRIPTION}, which says what its files are")
-    near = difflib.get_close_matches(text, known, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    raise ConfigError(
-        text, "", f"no such folder, and no data set of that name{hint}; known: {listing(known)}"
-    )
+    raise ConfigError(text, "", f"no such folder, and no data set of that name; {known_names(text, known)}")
 
 
 def _folder(description: DataSetDescription, file: Path) -> Path:

@@ -5,8 +5,9 @@ With the errors e(p) of all training rows, each session aligned as it is describ
 .. math:: \min_p \sum_i \rho(|e_i|^2 / s^2) + \sum_k (p_k - p_k^0)^2 / \sigma_k^2
 
 within bounds; priors only where they are given. From the slopes J of the errors at the end follow standard
-errors and correlations, as if errors were independent of each other. A parameter whose 95 % interval is wider
-than its bounds has not been found, whatever number stands there.
+errors and correlations, as if errors were independent of each other; where those of neighbouring rows are
+alike, intervals are wider, see `alike`. A parameter whose 95 % interval is wider than its bounds has not been
+found, whatever number stands there.
 
 Source: Seber, Wild 1989, Nonlinear regression (intervals from linearisation).
 """
@@ -20,13 +21,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.stats import qmc
 
-from softsim_core.arrays import Array, BoolArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.errors import DataError, SceneError
+from softsim_core.identification.alike import widening
 from softsim_core.identification.calibration import CalibrationDescription, calibration_sessions
 from softsim_core.identification.expressions import filled
 from softsim_core.identification.files import DataSet
 from softsim_core.identification.misfit import Misfit, Progress
-from softsim_core.identification.replay import Prediction
+from softsim_core.identification.replay import Prediction, in_short_steps
 from softsim_core.identification.session import Session
 
 QUANTILE = 1.96
@@ -144,6 +146,7 @@ class Calibration:
         values: Of the parameters, shape (p,).
         errors: Their standard errors, infinite where the rows tell nothing, shape (p,).
         correlation: Of these, shape (p, p).
+        widening: How many times as large they are because neighbouring rows err alike, >= 1, shape (p,).
         before, after: Mean error of the rows in [m] with the start values and with those found, by session.
         rows: How many rows each session gave.
         evaluations: How often all rows were replayed.
@@ -159,6 +162,7 @@ class Calibration:
     values: Array
     errors: Array
     correlation: Array
+    widening: Array
     before: dict[str, float]
     after: dict[str, float]
     rows: dict[str, int]
@@ -179,7 +183,7 @@ class Calibration:
     @property
     def found(self) -> BoolArray:
         """Which parameters the rows tell: whose 95 % interval is narrower than their bounds, shape (p,)."""
-        return np.asarray(2.0 * QUANTILE * self.errors < self.problem.span)
+        return np.asarray(2.0 * QUANTILE * self.widening * self.errors < self.problem.span)
 
     @property
     def at_bounds(self) -> BoolArray:
@@ -262,10 +266,11 @@ def calibrate(
         slopes, left = problem.slopes(best), problem.residuals(best)
         values, after = problem.values(best), dict(misfit.means)
         spread, correlation = _spread(slopes, left, problem)
+        wider = widening(slopes, left, [_in_order(each) for each in misfit.sessions])
     except KeyboardInterrupt:
         stopped, values, after = True, misfit.best_values, misfit.best_means
         spread = np.full(len(values), np.inf)
-        correlation = np.full((len(values),) * 2, np.nan)
+        correlation, wider = np.full((len(values),) * 2, np.nan), np.ones(len(values))
     return Calibration(
         description,
         misfit.names,
@@ -273,6 +278,7 @@ def calibrate(
         values,
         problem.span * spread,
         correlation,
+        wider,
         before,
         after,
         misfit.rows,
@@ -311,6 +317,15 @@ def _searched(
     problem.residuals(found.x)
     mean = float(np.mean(list(problem.misfit.means.values())))
     return float(found.cost), found.x, Ending(tuple(problem.values(found.x).tolist()), mean)
+
+
+def _in_order(session: Session) -> tuple[IndexArray, int]:
+    """Rows that fit in an order in which neighbours follow each other, and how many errors each has."""
+    size, count = 3 * len(session.description.sensors), int(session.fitting.sum())
+    if session.times is not None:
+        return np.arange(count), size
+    places = session.measured[session.fitting].reshape(count, size)
+    return in_short_steps(places, places[0]), size
 
 
 def freedom(problem: Problem, residuals: int) -> int:

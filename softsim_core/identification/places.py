@@ -13,6 +13,7 @@ from softsim_core.identification.description import EFFECTOR, SensorDescription
 from softsim_core.mechanics.pose import nearest_rotation, rotation_of
 from softsim_core.mesh.embedding import embed
 from softsim_core.simulation import Simulation
+from softsim_core.wrong_names import known_names
 
 OUTSIDE = 0.05
 """A place farther outside its body than this part of an element lies beside it."""
@@ -78,7 +79,9 @@ def _place(simulation: Simulation, sensor: SensorDescription) -> str | _BodyPlac
             )
         name = scene.effector
     if name not in known:
-        raise SceneError(f"sensor {sensor.name}: no frame {name!r} in {scene.name}; it has {listing(known)}")
+        raise SceneError(
+            f"sensor {sensor.name}: no frame {name!r} in {scene.name}; {known_names(name, known, 'it has')}"
+        )
     return name
 
 

@@ -20,6 +20,7 @@ from softsim_core.identification.table import Table
 from softsim_core.scene.description import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import degrees
+from softsim_core.wrong_names import known_names
 
 FAR = 1.5
 """Commands so many times as far as a joint's limits reach are taken for ones in another unit."""
@@ -98,7 +99,7 @@ class Session:
                 raise DataError(
                     f"session {self.name}",
                     f"column {column}",
-                    f"{robot.name} has no joint {name!r}; it has {listing(robot.joint_names)}",
+                    f"{robot.name} has no joint {name!r}; {known_names(name, robot.joint_names, 'it has')}",
                 )
             index = robot.joint_names.index(name)
             told[:, index] = self.table.numbers(column, columns.unit)

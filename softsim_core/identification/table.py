@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import DataError, listing
+from softsim_core.errors import DataError
 from softsim_core.units import SCALES
+from softsim_core.wrong_names import known_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,10 +54,8 @@ class Table:
             DataError: no such column, a cell that is no finite number, or a name that tells another unit.
         """
         if name not in self.columns:
-            near = difflib.get_close_matches(name, self.columns, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
             raise DataError(
-                self.file, f"column {name}", f"is not there; {hint}there are {listing(self.columns)}"
+                self.file, f"column {name}", f"is not there; {known_names(name, self.columns, 'there are')}"
             )
         if unit is not None:
             _, _, ending = name.rpartition("_")
@@ -103,6 +101,12 @@ def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
     if len(rows) < 2:
         raise DataError(file, "", "holds no rows below a header line")
     names = [name.strip() for name in rows[0][1]]
+    for between, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and between in names[0]:
+            line = f"line {rows[0][0]}"
+            raise DataError(
+                file, line, f"has {word} between its cells; save it with commas, and points in numbers"
+            )
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DataError(file, f"line {rows[0][0]}", f"names the column {twice[0]!r} twice")
     if all(math.isfinite(_number(name)) for name in names):

@@ -15,6 +15,7 @@ from softsim_core.errors import ConfigError, listing
 from softsim_core.inverse.paths import EffectorPath, PathRefusedError, maze_path
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.files import config_roots
+from softsim_core.wrong_names import known_names
 
 MAZE_KEY = "anglePlanningTable"
 CSV_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -68,7 +69,7 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
     problem = (
         "more than one path is called so; add its ending" if found else "no such file, and no known path"
     )
-    raise ConfigError(text, "", f"{problem}; known paths: {listing(known)}")
+    raise ConfigError(text, "", f"{problem}; {known_names(text, known, 'known paths:')}")
 
 
 def is_known_path(name: str) -> bool:

@@ -38,6 +38,7 @@ class Workspace:
         tilts: Tilts about x and y in [rad], shape (k, 2).
         gains: Singular values of the derivative of the position by the joints, largest first, in [m/rad] or
             [m/m], shape (k, min(3, j)).
+        efforts: What each drive holds the pose with, in [N m] or [N], shape (k, j).
         failed: Joint positions at which no equilibrium was found, shape (f, j).
     """
 
@@ -47,13 +48,19 @@ class Workspace:
     quaternions: Array
     tilts: Array
     gains: Array
+    efforts: Array
     failed: Array
 
     @property
     def volume(self) -> float:
         """Volume of the convex hull of the positions in [m^3]; 0 where they lie in a plane."""
+        return self.volume_within(np.inf)
+
+    def volume_within(self, most_effort: float) -> float:
+        """The same of those poses alone that no drive holds with more than an effort in [N m] or [N]."""
+        held = np.abs(self.efforts).max(axis=1, initial=0.0) <= most_effort
         try:
-            return float(ConvexHull(self.positions).volume)
+            return float(ConvexHull(self.positions[held]).volume)
         except (QhullError, ValueError):
             return 0.0
 
@@ -132,9 +139,11 @@ def sample_workspace(
         raise SceneError(
             f"{robot.name}: no equilibrium at any of {samples} joint positions; check its limits"
         )
-    at, positions, quaternions, tilts, gains = (np.array(column) for column in zip(*rows, strict=True))
+    at, positions, quaternions, tilts, gains, efforts = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     missing = np.array(failed).reshape(-1, len(robot.joints))
-    return Workspace(shift, at, positions, quaternions, tilts, gains, missing)
+    return Workspace(shift, at, positions, quaternions, tilts, gains, efforts, missing)
 
 
 def _spread(scene: SceneDescription, samples: int) -> Array:
@@ -181,9 +190,9 @@ def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
 
 
 def _seen(simulation: Simulation) -> tuple[Array, ...]:
-    """Position, quaternion, tilts and gains of a settled simulation."""
+    """Position, quaternion, tilts, gains and efforts of a settled simulation."""
     pose = simulation.effector_pose
     assert pose is not None
     tilts = tilts_of(rotation_of(pose.quaternion_xyzw))
     gains = np.linalg.svd(analytic_sensitivity(simulation).effector[:3], compute_uv=False)
-    return pose.position, pose.quaternion_xyzw, np.array(tilts[:2]), gains
+    return pose.position, pose.quaternion_xyzw, np.array(tilts[:2]), gains, simulation.joint_efforts

@@ -7,6 +7,7 @@ side].
 from __future__ import annotations
 
 from math import sqrt
+from typing import Final, cast
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from softsim_core.linalg.blocks import BLOCK, FITS, strips_length, subtract_bloc
 from softsim_core.linalg.compile import kernel
 from softsim_core.linalg.layout import Factor, Tree
 from softsim_core.linalg.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
+
+ZERO: Final = cast(int, np.int64(0))
+"""For kernels: of one that takes a literal, Numba compiles a version for each."""
 
 
 @kernel
@@ -40,8 +44,8 @@ def subtract_products(
 
 
 @kernel
-def factor_rows(panels: Array, begin: int, width: int, row: int, coefficients: Array) -> None:
-    """Factor ROWS panel rows from `row` on, already updated by the rows above them."""
+def factor_rows(panels: Array, begin: int, width: int, row: int, end: int, coefficients: Array) -> None:
+    """Factor ROWS panel rows from `row` on up to column `end`, already updated by the rows above them."""
     start = begin + row * width
     for i in range(ROWS):
         for j in range(i + 1):
@@ -53,25 +57,26 @@ def factor_rows(panels: Array, begin: int, width: int, row: int, coefficients: A
             else:
                 coefficients[ROWS * i + j] = total * coefficients[ROWS * j + j]
     skip = row - row % LANES
-    solve_rows(panels, start + skip, width, coefficients, width - skip)
+    solve_rows(panels, start + skip, width, coefficients, end - skip)
 
 
 @kernel
 def add_update(
     tree: Tree, child: int, stack: Array, own: int, later: int, width: int, panels: Array, panel: int, goal:
         Array,
-    top: int, pitch: int,
+    top: int, pitch: int, low: int, high: int,
 ) -> None:  # fmt: skip
     """Add a child's update (an upper triangle in the stack) to its parent's panel and update.
 
     The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update
-    from `top`, in rows of length `pitch`.
+    from `top`, in rows of length `pitch`. Only targets from `low` to `high`, by panel column, get their rows.
     """
     side, length = tree.side[child], tree.width[child] - tree.later[child]
     begin = tree.update[child]
     first, end = tree.first_run[child], tree.first_run[child + 1]
     for r in range(first, end):
-        for i in range(tree.runs[r, 2]):
+        above = max(0, low - tree.runs[r, 1])
+        for i in range(above, min(tree.runs[r, 2], high - tree.runs[r, 1])):
             row, target = tree.runs[r, 0] + i, tree.runs[r, 1] + i
             if row == side - 1:
                 return  # the right-hand side has no row
@@ -89,32 +94,29 @@ def add_update(
 
 
 @kernel
-def widest(tree: Tree) -> int:
-    """Width of the widest panel that is factored in blocks; 0: none is."""
+def widest(tree: Tree, first: int, end: int) -> int:
+    """Width of the widest panel of supernodes first .. end that is factored in blocks; 0: none is."""
     result = 0
-    for s in range(len(tree.columns)):
+    for s in range(first, end):
         if tree.panel[s + 1] - tree.panel[s] > FITS:
             result = max(result, tree.width[s])
     return result
 
 
 @kernel
-def factor(tree: Tree, store: Factor) -> None:
-    """Factor all panels and solve forward; those of the dense unknowns end in store.schur.
-
-    All arrays of the store are of one type, float64 or float32.
-    """
+def factor_part(tree: Tree, store: Factor, first_supernode: int, end: int) -> None:
+    """Factor the panels of supernodes first_supernode .. end, whose children are factored or among them."""
     panels, stack = store.panels, store.stack
-    size = len(tree.columns)
     coefficients = np.zeros(ROWS * ROWS, panels.dtype)
-    strips = np.empty(strips_length(widest(tree)), panels.dtype)
-    for s in range(size):
+    strips = np.empty(strips_length(widest(tree, first_supernode, end)), panels.dtype)
+    for s in range(first_supernode, end):
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
         pitch, top, side = width - later, tree.update[s], tree.side[s]
         for i in range(pitch * (side + (-side) % ROWS)):
             stack[top + i] = 0.0
         for c in range(tree.first_child[s], tree.first_child[s + 1]):
-            add_update(tree, tree.children[c], stack, own, later, width, panels, begin, stack, top, pitch)
+            child = tree.children[c]
+            add_update(tree, child, stack, own, later, width, panels, begin, stack, top, pitch, ZERO, width)
         rows = own + (-own) % ROWS
         for i in range(own, rows):  # padding rows are those of the identity
             panels[begin + i * width + i] = 1.0
@@ -124,15 +126,34 @@ def factor(tree: Tree, store: Factor) -> None:
             high = min(rows, low + block)
             for i in range(low, high, ROWS):
                 subtract_products(panels, begin, width, i, panels, begin + low * width, width, i - low, width)
-                factor_rows(panels, begin, width, i, coefficients)
+                factor_rows(panels, begin, width, i, width, coefficients)
             if not fits:
                 subtract_block(panels, begin, width, low, high, rows, later, side - 1, stack, top, strips)
         if fits:
             for i in range(0, side - 1, ROWS):
                 subtract_products(stack, top, pitch, i, panels, begin + later, width, rows, pitch)
+
+
+@kernel
+def gather_schur(tree: Tree, store: Factor) -> None:
+    """Add what the factored panels leave of the dense unknowns to store.schur."""
+    size = len(tree.columns)
     border, pitch = store.schur.reshape(-1), store.schur.shape[1]
     for c in range(tree.first_child[size], tree.first_child[size + 1]):
-        add_update(tree, tree.children[c], stack, 0, 0, 0, panels, 0, border, 0, pitch)
+        child = tree.children[c]
+        add_update(
+            tree, child, store.stack, ZERO, ZERO, ZERO, store.panels, ZERO, border, ZERO, pitch, ZERO, pitch
+        )
+
+
+@kernel
+def factor(tree: Tree, store: Factor) -> None:
+    """Factor all panels and solve forward; those of the dense unknowns end in store.schur.
+
+    All arrays of the store are of one type, float64 or float32.
+    """
+    factor_part(tree, store, ZERO, len(tree.columns))
+    gather_schur(tree, store)
 
 
 @kernel

@@ -11,6 +11,7 @@ supernodes).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -261,7 +262,7 @@ def _lay_out(
         width=width,
         panel=panel,
         update=update,
-        stack_size=_plan_stack(padded(side, tile_rows) * (width - later), child_lists, update),
+        stack_size=plan_stack(range(size), padded(side, tile_rows) * (width - later), parent, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
         first_run=first_run,
@@ -363,19 +364,31 @@ def padded(length: Any, multiple: int) -> Any:
     return length + (-length) % multiple
 
 
-def _plan_stack(needs: IndexArray, child_lists: list[list[int]], update: IndexArray) -> int:
-    """Fill `update` with the first fit of each update beside those still needed; returns the length."""
-    held: dict[int, tuple[int, int]] = {}  # supernode -> (start, end) of its update
-    highest = 0
-    for index, need in enumerate(needs.tolist()):
-        start = 0
-        for low, high in sorted(held.values()):
+def plan_stack(
+    sequence: Iterable[int], needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0
+) -> int:
+    """Fill `update` of supernodes in sequence with the first fit of each beside those still needed.
+
+    Args:
+        sequence: Supernodes in the order in which they are factored; only their updates have to lie apart.
+        needs: Length of each update, shape (s,).
+        parent: Of each supernode, shape (s,).
+        update: Offsets, shape (s,).
+        base: The lowest offset.
+
+    Returns:
+        The end of the stack.
+    """
+    held: dict[int, list[tuple[int, int]]] = {}  # parent -> start and end of the updates that wait for it
+    highest = base
+    for s in sequence:
+        need, start = int(needs[s]), base
+        for low, high in sorted(each for waiting in held.values() for each in waiting):
             if low - start >= need:
                 break
             start = high
-        update[index] = start
+        update[s] = start
         highest = max(highest, start + need)
-        for child in child_lists[index]:
-            del held[child]
-        held[index] = (start, start + need)
+        held.pop(s, None)
+        held.setdefault(int(parent[s]), []).append((start, start + need))
     return highest

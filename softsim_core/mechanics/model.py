@@ -190,10 +190,10 @@ class Model:
         self.place_regions(state)
         return state
 
-    def empty_state(self) -> State:
-        """A state of the right shape, all zeros."""
+    def empty_state(self, buffer: Array | None = None) -> State:
+        """A state of the right shape, all zeros, or what a buffer (s,) that it is to live in holds."""
         frames, rigid = len(self.frame_names), len(self.rigid.names)
-        return State(len(self.rest), frames, len(self.joints), rigid, self.extra_state)
+        return State(len(self.rest), frames, len(self.joints), rigid, self.extra_state, buffer)
 
     def chain(self, joint: int) -> list[int]:
         """A joint behind the joints that carry it, the outermost first."""

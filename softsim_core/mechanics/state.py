@@ -17,7 +17,8 @@ ACCELERATION = "acceleration"
 """Name in State.extra of the accelerations of the nodes in [m/s^2], (n, 3), where the step uses them."""
 REDUCED_ACCELERATION = "reduced_acceleration"
 """Name in State.extra of those of frames and joints, shape (r,)."""
-
+HOLDING = "holding"
+"""Name in State.extra of whether contacts held what deforms in the last step, shape (1,), 0 or 1."""
 
 KEPT = "actuators"
 """Name in State.extra of what actuators keep from step to step, one behind the other, shape (k,)."""
@@ -41,6 +42,7 @@ class State:
     Args:
         nodes, frames, joints, rigid: How many there are.
         extra: Shapes of further arrays by name, see `extra`.
+        buffer: Where to live; None: in a buffer of its own, all zeros.
 
     Attributes:
         buffer: All numbers but the warm start, shape (s,).
@@ -88,6 +90,7 @@ class State:
         joints: int,
         rigid: int = 0,
         extra: Mapping[str, tuple[int, ...]] | None = None,
+        buffer: Array | None = None,
     ) -> None:
         shapes: dict[str, tuple[int, ...]] = {
             "positions": (nodes, 3),
@@ -106,7 +109,7 @@ class State:
         own, further = len(shapes), list((extra or {}).items())
         named = [*shapes.items(), *further]
         ends = np.cumsum([int(np.prod(shape)) for _, shape in named])
-        buffer = np.zeros(ends[-1])
+        buffer = np.zeros(ends[-1]) if buffer is None else buffer
         views = [
             view.reshape(shape) for (_, shape), view in zip(named, np.split(buffer, ends[:-1]), strict=True)
         ]
@@ -145,6 +148,15 @@ class State:
         """Take over the values of a state of the same scene, in place."""
         np.copyto(self.buffer, other.buffer)
         object.__setattr__(self, "warm_start", other.warm_start)
+
+    def parts(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
+        """Where each of `arrays` but the warm start lies in the buffer, and its shape."""
+        place, first = {}, self.buffer.ctypes.data
+        for name, array in self.arrays().items():
+            if name != "warm_start":
+                start = (array.ctypes.data - first) // array.itemsize if array.size else 0
+                place[name] = slice(start, start + array.size), array.shape
+        return place
 
     def arrays(self) -> dict[str, Array]:
         """All of it by name: the views themselves, `extra.NAME` for what a scene keeps beside."""

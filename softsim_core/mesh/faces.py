@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from softsim_core.arrays import Array, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.mesh.quadratic import MIDDLES
 from softsim_core.mesh.surface import FACES, alone
 from softsim_core.mesh.types import TetMesh
@@ -39,6 +39,25 @@ def boundary_faces(mesh: TetMesh) -> IndexArray:
     faces[inverted] = faces[inverted][:, :, mirrored]
     faces = faces.reshape(-1, local.shape[1])
     return np.ascontiguousarray(faces[alone(faces[:, :3], mesh.name)], dtype=np.int64)
+
+
+def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> BoolArray:
+    """Which triangles of the boundary, as `surface.boundary` has them, belong to some faces.
+
+    Args:
+        mesh: The mesh.
+        triangles: Node indices, shape (k, 3); of a quadratic mesh four for each face.
+        corners: Faces by their corners in any order, shape (f, 3).
+
+    Returns:
+        Shape (k,).
+    """
+    ends = np.repeat(np.arange(len(mesh.points))[:, None], 2, axis=1)  # of the edge that a node is on
+    if mesh.order == 2:
+        ends[mesh.tets[:, 4:]] = mesh.tets[:, MIDDLES]
+    wanted = {frozenset(face) for face in corners.tolist()}
+    own = ends[triangles].reshape(len(triangles), -1).tolist()
+    return np.array([frozenset(each) in wanted for each in own], dtype=bool)
 
 
 def cavities(mesh: TetMesh) -> list[IndexArray]:

@@ -80,4 +80,6 @@ def subdivided(mesh: TetMesh) -> TetMesh:
     shortest = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).argmin(axis=1)
     corners = np.broadcast_to(_AT_CORNERS, (len(ends), 4, 4))
     parts = np.concatenate([corners, _INNER[shortest]], axis=1).reshape(len(ends), -1)
-    return replace(mesh, tets=np.take_along_axis(mesh.tets, parts, axis=1).reshape(-1, 4))
+    groups = {name: (8 * own[:, None] + np.arange(8)).reshape(-1) for name, own in mesh.cell_groups.items()}
+    tets = np.take_along_axis(mesh.tets, parts, axis=1).reshape(-1, 4)
+    return replace(mesh, tets=tets, cell_groups=groups)

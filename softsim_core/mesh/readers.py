@@ -20,6 +20,7 @@ from softsim_core.errors import MeshError
 from softsim_core.mesh.checks import check_arrays
 from softsim_core.mesh.facets import drop_degenerate, parse_obj, parse_stl
 from softsim_core.mesh.gid import is_gid, parse_gid
+from softsim_core.mesh.gmsh import GmshBlock, is_gmsh_41, parse_gmsh
 from softsim_core.mesh.placement import PlacementLike, place
 from softsim_core.mesh.surface import boundary
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
@@ -60,12 +61,14 @@ class _Contents(NamedTuple):
         cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
         surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
         groups: Nodes by the name of the group that points, lines, faces or cells of theirs are in, ascending.
+        cell_groups: Tetrahedra by the name of the group that they are in, ascending.
     """
 
     points: Array
     cells: _Cells
     surfaces: dict[str, IndexArray]
     groups: dict[str, IndexArray]
+    cell_groups: dict[str, IndexArray]
 
 
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
@@ -88,9 +91,10 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
 
 
 def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
-    points, cells, surfaces, groups = _read(file)
+    points, cells, surfaces, groups, solids = _read(file)
     mesh = _tet_mesh(points, cells, file)
-    return replace(mesh, points=place(points, placement), surfaces=surfaces, groups=groups)
+    placed = place(points, placement)
+    return replace(mesh, points=placed, surfaces=surfaces, groups=groups, cell_groups=solids)
 
 
 def _tet_mesh(points: Array, cells: _Cells, file: Path) -> TetMesh:
@@ -165,14 +169,16 @@ def _read(file: Path) -> _Contents:
         raise MeshError(file, "is empty; export the mesh again")
     if suffix == ".stl":
         points, triangles = parse_stl(data, file)
-        return _Contents(points, {"triangle": [triangles]}, {}, {})
+        return _Contents(points, {"triangle": [triangles]}, {}, {}, {})
     if suffix == ".obj":
         points, triangles = parse_obj(data, file)
-        return _Contents(points, {"triangle": [triangles]}, {}, {})
+        return _Contents(points, {"triangle": [triangles]}, {}, {}, {})
     if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
         points, elements = parse_gid(data, file)
         blocks = {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
-        return _Contents(points, blocks, {}, {})
+        return _Contents(points, blocks, {}, {}, {})
+    if suffix == ".msh" and is_gmsh_41(data):
+        return _gmsh(*parse_gmsh(data, file))
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
         raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix])
@@ -214,26 +220,58 @@ def _read_with_meshio(file: Path, module: str) -> _Contents:
     return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, *_groups(mesh))
 
 
-def _groups(mesh: Any) -> tuple[dict[str, IndexArray], dict[str, IndexArray]]:
-    """The physical groups of a Gmsh file, by their names, or else their numbers.
+def _gmsh(points: Array, blocks: list[GmshBlock]) -> _Contents:
+    cells: _Cells = {}
+    members: list[_Member] = []
+    for block in blocks:
+        first = sum(map(len, cells.get(block.kind, [])))
+        numbers = np.arange(first, first + len(block.cells))
+        cells.setdefault(block.kind, []).append(block.cells)
+        members += [_Member(name, block.kind, block.cells, numbers) for name in block.groups]
+    return _Contents(points, cells, *_named(members))
 
-    Returns:
-        Corners of the triangles, shapes (k, 3), of each group of faces, and the nodes of each group.
-    """
+
+class _Member(NamedTuple):
+    """Elements of one kind (k, nodes) in a group, and their numbers (k,) among all of that kind."""
+
+    group: str
+    kind: str
+    cells: IndexArray
+    numbers: IndexArray
+
+
+def _groups(mesh: Any) -> tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, IndexArray]]:
+    """The physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
     names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
+    members: list[_Member] = []
+    count: dict[str, int] = {}
+    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
+        dimension, first = _DIMENSIONS.get(block.type, -1), count.get(block.type, 0)
+        count[block.type] = first + len(block.data)
+        for tag in np.unique(tags[tags > 0]).tolist():
+            inside = np.flatnonzero(tags == tag)
+            cells = np.asarray(block.data[inside], dtype=np.int64)
+            members.append(_Member(names.get((dimension, tag), str(tag)), block.type, cells, first + inside))
+    return _named(members)
+
+
+def _named(
+    members: list[_Member],
+) -> tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, IndexArray]]:
+    """Of each group: corners of its triangles (k, 3), its nodes, and the numbers of its tetrahedra."""
     faces: dict[str, list[IndexArray]] = {}
     nodes: dict[str, list[IndexArray]] = {}
-    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
-        dimension = _DIMENSIONS.get(block.type, -1)
-        for tag in np.unique(tags[tags > 0]).tolist():
-            name = names.get((dimension, tag), str(tag))
-            members = np.asarray(block.data[tags == tag], dtype=np.int64)
-            nodes.setdefault(name, []).append(members.reshape(-1))
-            if block.type in ("triangle", "triangle6"):
-                faces.setdefault(name, []).append(members[:, :3])
+    solids: dict[str, list[IndexArray]] = {}
+    for name, kind, cells, numbers in members:
+        nodes.setdefault(name, []).append(cells.reshape(-1))
+        if kind in ("triangle", "triangle6"):
+            faces.setdefault(name, []).append(cells[:, :3])
+        if kind in ("tetra", "tetra10"):
+            solids.setdefault(name, []).append(numbers)
     return (
         {name: np.concatenate(blocks) for name, blocks in faces.items()},
         {name: np.unique(np.concatenate(blocks)) for name, blocks in nodes.items()},
+        {name: np.unique(np.concatenate(blocks)) for name, blocks in solids.items()},
     )
 
 

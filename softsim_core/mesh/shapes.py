@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from softsim_core.errors import MeshError, SceneError
 from softsim_core.mesh.readers import read_surface
 from softsim_core.mesh.surface import enclosed_volume, is_closed
 from softsim_core.mesh.types import SurfaceMesh
-from softsim_core.values import FieldError, MeshFile, Vector
+from softsim_core.values import LOCAL, FieldError, MeshFile, Vector
 
 _SEGMENTS = 32
 _REFINEMENTS = 2
@@ -35,7 +35,7 @@ class Shape:
     box: Vector | None = None
     cylinder: tuple[float, float] | None = None
     plane: tuple[float, float] | None = None
-    mesh: MeshFile | None = None
+    mesh: MeshFile | None = field(default=None, metadata=LOCAL)
 
     def __post_init__(self) -> None:
         given = [

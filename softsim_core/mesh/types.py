@@ -19,6 +19,7 @@ class TetMesh:
         name: Where it came from, for messages.
         surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
         groups: Nodes by the names that the file gives to what they belong to: points, lines, faces or cells.
+        cell_groups: Cells by the names that the file gives to volumes: rows of `tets`, ascending.
         around: How far outside, in heights of a cell, a point may lie that an actuator binds to it.
     """
 
@@ -27,6 +28,7 @@ class TetMesh:
     name: str = "mesh"
     surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
     groups: Mapping[str, IndexArray] = field(default_factory=dict)
+    cell_groups: Mapping[str, IndexArray] = field(default_factory=dict)
     around: float = 0.02
 
     @property

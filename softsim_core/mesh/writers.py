@@ -11,14 +11,14 @@ from softsim_core.mesh.surface import triangle_normals
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
 _VTK_TETRAHEDRON, _VTK_QUADRATIC_TETRAHEDRON = 10, 24
-_GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON = 4, 11
+_GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON, _GMSH_POINT = 4, 11, 15
 
 
 def write_tets(path: Path, mesh: TetMesh) -> Path:
     """Write tetrahedra; the suffix chooses the format, both lossless.
 
-    `.msh` is Gmsh 2.2 as text; anything else a binary legacy VTK 2.0 unstructured grid (big-endian float64
-    and int32).
+    `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; anything else a
+    binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32), without groups.
 
     Returns:
         The path.
@@ -44,16 +44,23 @@ def _vtk(mesh: TetMesh) -> list[bytes]:
 
 
 def _gmsh(mesh: TetMesh) -> list[bytes]:
-    """Elements of one volume without physical groups; Gmsh has the last two nodes the other way."""
+    """Points of the groups, then cells of one volume; Gmsh has the last two nodes the other way."""
     kind = _GMSH_TETRAHEDRON if mesh.order == 1 else _GMSH_QUADRATIC_TETRAHEDRON
     cells = (mesh.tets if mesh.order == 1 else mesh.tets[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]) + 1
     nodes = (f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.points.tolist(), start=1))
-    elements = (
-        f"{k} {kind} 2 0 1 {' '.join(map(str, cell))}" for k, cell in enumerate(cells.tolist(), start=1)
-    )
+    names = [f'0 {g} "{name}"' for g, name in enumerate(mesh.groups, start=1)]
+    points = [
+        f"{_GMSH_POINT} 2 {g} {node + 1} {node + 1}"
+        for g, members in enumerate(mesh.groups.values(), start=1)
+        for node in members.tolist()
+    ]
+    solids = [f"{kind} 2 0 1 {' '.join(map(str, cell))}" for cell in cells.tolist()]
+    elements = [f"{k} {each}" for k, each in enumerate((*points, *solids), start=1)]
     lines = [
-        *("$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(mesh.points)), *nodes, "$EndNodes"),
-        *("$Elements", str(len(cells)), *elements, "$EndElements", ""),
+        *("$MeshFormat", "2.2 0 8", "$EndMeshFormat"),
+        *(("$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames") if names else ()),
+        *("$Nodes", str(len(mesh.points)), *nodes, "$EndNodes"),
+        *("$Elements", str(len(elements)), *elements, "$EndElements", ""),
     ]
     return ["\n".join(lines).encode()]
 

@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,6 +30,8 @@ ENERGIES = {10.0: 0.25, 30.0: 0.75}
 Where it does not get there, less is asked for. Worst angles with 10 are 12 to 24 degrees; with 7 they are 17
 to 25, but it then often goes on for ever.
 """
+WORD_S = 10.0
+"""How often a word is said of a mesher that works, in [s]."""
 _TAIL = 160
 
 
@@ -40,12 +44,14 @@ class Filling:
         coarsen: Make edges as long as the shape of elements allows, longer than wished.
         time_limit: In [s].
         memory: In bytes.
+        waited: Told each WORD_S for how many seconds the mesher has worked.
     """
 
     envelope: float = 1.0e-3
     coarsen: bool = False
     time_limit: float = 300.0
     memory: int = 6 << 30
+    waited: Callable[[float], None] = lambda seconds: None
 
 
 def have_mesher() -> bool:
@@ -72,6 +78,7 @@ def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, 
     scale = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     with tempfile.TemporaryDirectory(prefix="softsim-mesh-") as folder:
         given, made = Path(folder, "surface.npz"), Path(folder, "tets.npz")
+        started, allowed = monotonic(), 0.0
         for energy, share in ENERGIES.items():
             np.savez(
                 given,
@@ -83,7 +90,8 @@ def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, 
                 coarsen=how.coarsen,
                 memory=how.memory,
             )
-            if _run((*command, str(given), str(made)), folder, share * how.time_limit, name):
+            allowed += share * how.time_limit
+            if _run((*command, str(given), str(made)), folder, (started, allowed), how.waited, name):
                 break
         else:
             raise MeshError(
@@ -105,8 +113,21 @@ def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, 
     return _tidy(middle + scale * np.asarray(points, dtype=np.float64), tets.astype(np.int64), name)
 
 
-def _run(command: tuple[str, ...], folder: str, time_limit: float, name: str) -> bool:
+def _run(
+    command: tuple[str, ...],
+    folder: str,
+    limit: tuple[float, float],
+    waited: Callable[[float], None],
+    name: str,
+) -> bool:
     """Whether it ended in time.
+
+    Args:
+        command: The program.
+        folder: Where it works.
+        limit: Since when time counts, by the monotonic clock, and how much there is, in [s].
+        waited: Told how much time has passed.
+        name: Of the part.
 
     Raises:
         MeshError: it ended in an error.
@@ -120,11 +141,17 @@ def _run(command: tuple[str, ...], folder: str, time_limit: float, name: str) ->
         env={**os.environ, "PYTHONSAFEPATH": "1"},  # files beside the program are no packages
     ) as process:
         try:
-            _, error = process.communicate(timeout=time_limit)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
-            return False
+            while True:
+                left = limit[0] + limit[1] - monotonic()
+                try:
+                    _, error = process.communicate(timeout=max(min(left, WORD_S), 0.0))
+                    break
+                except subprocess.TimeoutExpired:
+                    if left <= WORD_S:
+                        process.kill()
+                        process.communicate()
+                        return False
+                    waited(monotonic() - limit[0])
         except BaseException:
             process.kill()
             raise

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.mechanics.pose import euler_of, rotation_log
+from softsim_core.mesh.surface import boundary_surface
 from softsim_core.mesh.types import TetMesh
+from softsim_core.meshing.own_axes import own_axes
 from softsim_core.values import Box, Vector
 
 _UPRIGHT = 0.8  # of the longest side: a part that is so high is held at its lowest face
@@ -21,7 +25,8 @@ class Guess(NamedTuple):
     """What a first scene of a part takes.
 
     Attributes:
-        axis: Along which it is long: 2 where it stands.
+        axes: Its own axes as columns, shape (3, 3): those of the file, unless it lies askew in it.
+        axis: Which of them it is long along: 2 where it stands.
         length: Along it in [m].
         held: Around the nodes at its low end.
         tip: Around the nodes at its high end.
@@ -30,6 +35,7 @@ class Guess(NamedTuple):
         pull_point: Where the cable leaves, before the low end, in [m].
     """
 
+    axes: Array
     axis: int
     length: float
     held: Box
@@ -38,9 +44,45 @@ class Guess(NamedTuple):
     cable: tuple[Vector, ...]
     pull_point: Vector
 
+    @property
+    def tilt_deg(self) -> float:
+        """By how much its axes are turned against those of the file in [deg]."""
+        return float(np.degrees(np.linalg.norm(rotation_log(self.axes))))
+
 
 def guess(mesh: TetMesh) -> Guess:
-    """Guesses for a mesh: held at its lowest face, or, where it lies, at the low end of its longest side."""
+    """Guesses for a mesh: held at its lowest face, or, where it lies, at the low end of its longest side.
+
+    Of a part that lies askew in its file, all that is meant along its own axes.
+    """
+    axes = own_axes(boundary_surface(mesh))
+    straight = np.array_equal(axes, np.eye(3))
+    found = _along_axes(mesh if straight else replace(mesh, points=mesh.points @ axes))
+    return found if straight else _turned(found, axes)
+
+
+def _turned(found: Guess, axes: Array) -> Guess:
+    """Guesses along the axes of a file, for a part with axes of its own."""
+    angles = _vector(np.degrees(euler_of(axes)))
+
+    def box(own: Box) -> Box:
+        return Box(center=place(own.center), size=own.size, rotation_deg=angles)
+
+    def place(own: Vector) -> Vector:
+        return _vector(axes @ np.array(own))
+
+    return found._replace(
+        axes=axes,
+        held=box(found.held),
+        tip=box(found.tip),
+        tip_place=place(found.tip_place),
+        cable=tuple(place(each) for each in found.cable),
+        pull_point=place(found.pull_point),
+    )
+
+
+def _along_axes(mesh: TetMesh) -> Guess:
+    """Guesses along the axes of the file."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     size = high - low
     axis = 2 if size[2] >= _UPRIGHT * size.max() else int(size.argmax())
@@ -52,7 +94,7 @@ def guess(mesh: TetMesh) -> Guess:
     middle = 0.5 * (top.min(axis=0) + top.max(axis=0))
     middle[axis] = high[axis]
     held = end_face(mesh.points, axis)
-    return Guess(axis, float(size[axis]), held, tip, _vector(middle), cable, _vector(pull))
+    return Guess(np.eye(3), axis, float(size[axis]), held, tip, _vector(middle), cable, _vector(pull))
 
 
 def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:

@@ -112,6 +112,8 @@ def mesh_part(
     part = read_part(path, options.unit)
     count = len(part.surface.triangles)
     progress(f"looking at {count} triangles, {part.unit.size(np.ptp(part.surface.points, axis=0))}")
+    for doubt in part.told:
+        progress(doubt)
     source = repaired(part, options.hole, options.largest, simplified)
     key = key_of(Path(path).read_bytes(), asdict(replace(options, time_limit=0.0)))
     made = kept(key)
@@ -141,7 +143,11 @@ def _sized(
     progress: Callable[[str], None],
     fill: Callable[[SurfaceMesh, float, Filling], TetMesh],
 ) -> Sized:
-    how = Filling(envelope=_deviation(source, options) / _diagonal(source), time_limit=options.time_limit)
+    how = Filling(
+        envelope=_deviation(source, options) / _diagonal(source),
+        time_limit=options.time_limit,
+        waited=lambda seconds: progress(f"filling: {seconds:.0f} s of at most {options.time_limit:g} s"),
+    )
 
     def one(edge: float, coarsen: bool = False) -> TetMesh:
         progress(f"filling with edges of {source.unit.length(edge)}" + (", as few as possible" * coarsen))
@@ -154,7 +160,11 @@ def _sized(
     sized = with_nodes(one, source.volume, longest, wished)
     if len(sized.mesh.points) <= (1.0 + TOLERANCE) * wished:
         return sized
-    fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished)
+    try:
+        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished)
+    except MeshError as error:
+        progress(f"that was in vain ({error}): taking the best so far")
+        return sized
     return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - wished))
 
 

@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import MeshError, listing
+from softsim_core.errors import MeshError
 from softsim_core.mesh.readers import read_surface
 from softsim_core.mesh.types import SurfaceMesh
 from softsim_core.units import MILLIMETRE
 from softsim_core.values import Placement
+from softsim_core.wrong_names import known_names
 
 UNITS = {"um": 1.0e-6, "mm": MILLIMETRE, "cm": 1.0e-2, "m": 1.0, "in": 2.54e-2}
 """Units of length that a file may be in, in [m]."""
-_SMALL, _LARGE = 1.0e-3, 3.0
+_SMALL, _LARGE = 1.0e-2, 3.0
 """Longest sides in [m] outside of which the unit is doubted."""
 _SMALLEST, _LARGEST = 1.0e-7, 1.0e4
 """Longest sides in [m] outside of which a part is refused."""
@@ -72,8 +73,12 @@ def unit(name: str) -> Unit:
         MeshError: the name is not known.
     """
     if name not in UNITS:
-        raise MeshError(name, f"is no unit of length that is known; known are {listing(UNITS)}")
+        raise MeshError(name, f"is no unit of length that is known; {known_names(name, UNITS, 'known are')}")
     return Unit(name, UNITS[name])
+
+
+_CURVED = frozenset((".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".f3d", ".fcstd"))
+"""CAD programs' own files; the readers there are of their curved faces are under the LGPL."""
 
 
 def read_part(path: str | PathLike[str], unit_name: str = "mm") -> Part:
@@ -87,6 +92,10 @@ def read_part(path: str | PathLike[str], unit_name: str = "mm") -> Part:
         MeshError: the file cannot be read, has no extent, or cannot be in that unit.
     """
     file, in_unit = Path(path), unit(unit_name)
+    if file.suffix.lower() in _CURVED:
+        raise MeshError(
+            file, "is a CAD model of curved faces, which is not read; export it as STL, OBJ, PLY or OFF"
+        )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         surface = read_surface(file, Placement(scale=in_unit.metres))

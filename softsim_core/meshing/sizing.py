@@ -34,6 +34,8 @@ class Sized(NamedTuple):
 def with_nodes(fill: Callable[[float], TetMesh], volume: float, longest: float, nodes: int) -> Sized:
     """The mesh nearest to a wished number of nodes, within TOLERANCE of it or after MOST_TRIES.
 
+    A try that fails ends the search; meshes that were made before it are not lost.
+
     Args:
         fill: Makes a mesh with edges of about a length in [m].
         volume: Of the part in [m^3].
@@ -41,14 +43,19 @@ def with_nodes(fill: Callable[[float], TetMesh], volume: float, longest: float, 
         nodes: Wished number of nodes, those on edges of quadratic cells included.
 
     Raises:
-        MeshError: the number is less than 4, or the mesher fails at every try.
+        MeshError: the number is less than 4, or the mesher fails at the first try.
     """
     if nodes < 4:
         raise MeshError("", f"{nodes} nodes are too few for one tetrahedron; ask for 50 or more")
     edge = min((_NODES_PER_CUBE * volume / nodes) ** (1.0 / 3.0), longest)
     found: list[tuple[float, TetMesh]] = []
     for _ in range(MOST_TRIES):
-        found.append((edge, fill(edge)))
+        try:
+            found.append((edge, fill(edge)))
+        except MeshError:
+            if not found:
+                raise
+            break
         count = len(found[-1][1].points)
         if abs(count / nodes - 1.0) <= TOLERANCE or (count > nodes and edge >= longest):
             break

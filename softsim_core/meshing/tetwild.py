@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
-import resource
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -46,11 +45,19 @@ def _load() -> ModuleType:
     return module
 
 
+def _limit_memory(most: int) -> None:
+    """Take at most so many bytes, where the system can be told."""
+    try:
+        import resource
+    except ImportError:  # no POSIX system
+        return
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
 def main(words: list[str]) -> int:
     """Fill the surface of one file and write the tetrahedra into another."""
     with np.load(words[0]) as given:
-        limit = int(given["memory"])
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+        _limit_memory(int(given["memory"]))
         points, tets = _load().tetrahedralize_mesh(
             given["points"],
             given["triangles"].astype(np.uint32),

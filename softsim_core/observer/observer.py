@@ -39,6 +39,7 @@ from softsim_core.observer.unknowns import Unknowns
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
 from softsim_core.simulation import Simulation
+from softsim_core.wrong_names import known_names
 
 NONLINEAR = 0.1
 """Part of a correction by which linearisation may have missed it."""
@@ -133,7 +134,9 @@ class Observer:
             SceneError: no sensor of such a name; nothing is changed.
         """
         if unknown := [name for name in measured if name not in self.sensors]:
-            raise SceneError(f"no sensor {unknown[0]!r}; there are: {listing(list(self.sensors))}")
+            raise SceneError(
+                f"no sensor {unknown[0]!r}; {known_names(unknown[0], self.sensors, 'there are:')}"
+            )
         travel = self._advance(joints, base_shift)
         with suppress(FactorisationError, np.linalg.LinAlgError):  # else the last one is near enough
             self._linearised = self._linearise()

@@ -43,46 +43,57 @@ LENGTH = TONGUE + BLOCKS * PLATEAU + (2 * BLOCKS - 1) * SLANT + TIP_RADIUS
 """Length in [m]: 103.366 mm."""
 WALL_KNEE = 0.4
 """Share of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
+NOTCH_DEPTH = HEIGHT - SPINE
+"""Depth in [m] of the notches between the blocks."""
+THINNEST = 2.0 * MILLIMETRE
+"""What a notch leaves of the spine at least, and of itself, in [m]."""
 
 LEVELS: dict[str, int] = {"coarse": 0, "low": 1, "mid": 2}
 """Name of a level: elements through the spine; 0: as few as the profile allows, for quadratic elements."""
 
 
-def finger(divisions: int = 1, name: str = "finger") -> TetMesh:
+def finger(divisions: int = 1, name: str = "finger", notch_depth: float = NOTCH_DEPTH) -> TetMesh:
     """The finger in its own frame, symmetric by reflection in the middle of its width.
 
     Args:
         divisions: Elements through the spine, twice as many across the width; 0: one element through both,
             two through the blocks.
         name: Name of the mesh.
+        notch_depth: Depth of the notches between the blocks in [m]; they stay as wide, so that their V opens
+            less the deeper they are.
 
     Returns:
         Positively oriented tetrahedra in [m].
 
     Raises:
-        MeshError: divisions is negative.
+        MeshError: divisions is negative, or less than THINNEST is left of a notch or of the spine below.
     """
     if divisions < 0:
         raise MeshError(name, f"divisions = {divisions} must be >= 0")
-    plane, triangles = profile(divisions)
+    if not THINNEST <= notch_depth <= HEIGHT - THINNEST:
+        raise MeshError(
+            name, f"notch_depth = {notch_depth} must lie from {THINNEST:g} to {HEIGHT - THINNEST:g} m"
+        )
+    plane, triangles = profile(divisions, notch_depth)
     heights = np.linspace(0.0, WIDTH, max(1, 2 * divisions) + 1)
     solid, tets = extrude(plane, triangles, np.arange(len(plane)), heights)
     return TetMesh(np.ascontiguousarray(solid[:, [2, 0, 1]]), tets, name)
 
 
-def profile(divisions: int) -> tuple[Array, IndexArray]:
+def profile(divisions: int, notch_depth: float = NOTCH_DEPTH) -> tuple[Array, IndexArray]:
     """Triangulated side view of the finger: along the finger (negative) and up.
 
     Args:
         divisions: See `finger`.
+        notch_depth: See `finger`.
 
     Returns:
         Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
     """
     points: list[tuple[float, float]] = []
     columns: list[list[int]] = []
-    for along, top in _stations(divisions):
-        rows = max(1, round(divisions * top / SPINE)) if divisions else min(2, round(top / SPINE))
+    for along, top in _stations(divisions, HEIGHT - notch_depth):
+        rows = max(1, round(divisions * top / SPINE) if divisions else min(2, round(top / SPINE)))
         columns.append(list(range(len(points), len(points) + rows + 1)))
         points.extend((-along, top * row / rows) for row in range(rows + 1))
     plane = np.array(points)
@@ -100,40 +111,43 @@ def profile(divisions: int) -> tuple[Array, IndexArray]:
     return plane, np.array(triangles, dtype=np.int64)
 
 
-def _stations(divisions: int) -> Iterator[tuple[float, float]]:
-    """Distances from the base at which there is a column of points, with the height of the profile there."""
+def _stations(divisions: int, floor: float) -> Iterator[tuple[float, float]]:
+    """Distances from the base at which there is a column of points, with the height of the profile there.
+
+    `floor` is the height of the notches' bottom.
+    """
     if divisions == 0:
-        yield from _corners()
+        yield from _corners(floor)
         return
     steps = [step / divisions for step in range(1, divisions + 1)]
     rise = [WALL_KNEE * step for step in steps] + [WALL_KNEE + (1.0 - WALL_KNEE) * step for step in steps]
-    block = HEIGHT - SPINE
     yield 0.0, SPINE
     for step in steps:
         yield TONGUE * step, SPINE
     start = TONGUE
     for number in range(BLOCKS):
+        foot = floor if number else SPINE
         for share in rise:
-            yield start + SLANT * share, SPINE + block * share
+            yield start + SLANT * share, foot + (HEIGHT - foot) * share
         start += SLANT
         for step in range(1, 2 * divisions + 1):
             yield start + PLATEAU * step / (2 * divisions), HEIGHT
         start += PLATEAU
         if number < BLOCKS - 1:
             for share in [*reversed(rise[:-1]), 0.0]:
-                yield start + SLANT * (1.0 - share), SPINE + block * share
+                yield start + SLANT * (1.0 - share), floor + (HEIGHT - floor) * share
             start += SLANT
     for share in (*steps, 2.0):  # one chord at the steep end keeps the elements there in shape
         angle = 0.25 * math.pi * share
         yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
 
 
-def _corners() -> Iterator[tuple[float, float]]:
+def _corners(floor: float) -> Iterator[tuple[float, float]]:
     """The stations where the profile bends, and one on the round tip."""
     yield 0.0, SPINE
     start = TONGUE
-    for _ in range(BLOCKS):
-        yield start, SPINE
+    for number in range(BLOCKS):
+        yield start, floor if number else SPINE
         yield start + SLANT, HEIGHT
         yield start + SLANT + PLATEAU, HEIGHT
         start += 2.0 * SLANT + PLATEAU

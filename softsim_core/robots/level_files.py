@@ -27,7 +27,7 @@ def write_mesh_files(
         Exit code; a mesh that cannot be made or written ends the process with 1 and a sentence.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
-    parser.add_argument("--out", type=Path, default=Path("configs/meshes"), help="folder to write into")
+    parser.add_argument("-o", "--out", type=Path, default=Path("configs/meshes"), help="folder to write into")
     folder: Path = parser.parse_args(arguments).out
     try:
         for mesh in meshes:

@@ -107,7 +107,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line: write the maze of a picture."""
     parser = argparse.ArgumentParser(prog="python -m softsim_core.robots.maze_mesh", description=main.__doc__)
     parser.add_argument("--picture", type=Path, default=Path("configs/meshes/maze.txt"), help="text file")
-    parser.add_argument("--out", type=Path, default=Path("configs/meshes/maze.stl"), help="file to write")
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("configs/meshes/maze.stl"), help="file to write"
+    )
     chosen = parser.parse_args(arguments)
     try:
         write_surface(chosen.out, maze_plate(chosen.picture.read_text(encoding="utf-8"), chosen.picture.name))

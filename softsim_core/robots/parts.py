@@ -177,7 +177,7 @@ def elastic_body(
         density=density,
         total_mass=total_mass if density is None else None,
         surface=None if surface is None else placed(surface),
-        colour=(1.0, 1.0, 1.0, 0.5),
+        colour=(0.98, 0.84, 0.72, 0.75),
     )
     return Part(bodies=(body,))
 
@@ -268,7 +268,7 @@ def tripod(
     if len(bodies) != 1:
         raise SceneError(f"tripod: silicone must be one body, not {len(bodies)}")
     joints: list[JointDescription] = []
-    zones: list[AttachmentDescription] = []
+    regions: list[AttachmentDescription] = []
     for index in range(circle.servos):
         base = circle.place(index)
         arm = actuated_arm(
@@ -276,15 +276,15 @@ def tripod(
         )
         joints += arm.joints
         if tips == "servo":
-            zones += arm.attachments
+            regions += arm.attachments
         elif tips == "free":
-            zones += [_freed(zone, base, arm_length) for zone in arm.attachments]
+            regions += [_freed(region, base, arm_length) for region in arm.attachments]
     if centre_radius is not None:
-        zones.append(_centre(bodies[0].name, (0.0, 0.0, arm_length + 0.005), centre_radius))
+        regions.append(_centre(bodies[0].name, (0.0, 0.0, arm_length + 0.005), centre_radius))
     return Part(
         bodies=bodies,
         joints=tuple(joints),
-        attachments=tuple(zones),
+        attachments=tuple(regions),
         effector=None if centre_radius is None else "centre",
     )
 
@@ -304,11 +304,16 @@ def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
     return animated(move, duration, delay=delay)
 
 
-def _freed(zone: AttachmentDescription, base: Placement, arm_length: float) -> AttachmentDescription:
+def _freed(region: AttachmentDescription, base: Placement, arm_length: float) -> AttachmentDescription:
     x, y, z = base.translation
     frame = Placement(translation=(x, y, z + arm_length), rotation_deg=base.rotation_deg)
     return AttachmentDescription(
-        name=zone.name, body=zone.body, to="free", relative_to=zone.relative_to, box=zone.box, frame=frame
+        name=region.name,
+        body=region.body,
+        to="free",
+        relative_to=region.relative_to,
+        box=region.box,
+        frame=frame,
     )
 
 

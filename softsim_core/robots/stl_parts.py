@@ -118,7 +118,7 @@ PARTS = (fin_ray_finger, bellows, lattice_gripper)
 def main() -> int:
     """Write the files."""
     parser = argparse.ArgumentParser(prog="python -m softsim_core.robots.stl_parts", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("configs/parts"), help="folder to write into")
+    parser.add_argument("-o", "--out", type=Path, default=Path("configs/parts"), help="folder to write into")
     folder: Path = parser.parse_args().out
     for make in PARTS:
         surface = make()

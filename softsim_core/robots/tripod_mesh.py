@@ -32,9 +32,11 @@ THICKNESS = 5.0 * MILLIMETRE
 """Thickness in [m]; the piece lies from z = 0 to z = THICKNESS."""
 HOLE_RADIUS = 5.0 * MILLIMETRE
 """Radius of the hole in the centre in [m]."""
+NARROWEST, WIDEST = 0.009, 0.020
+"""Half the width of an arm in [m] at which arms still meet outside the hole, and still are arms."""
 TIP_LINE = 45.01 * MILLIMETRE
-"""Distance in [m] of a straight row of nodes across each arm: the tip zones of the robot begin at 45 mm, and
-a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
+"""Distance in [m] of a straight row of nodes across each arm: the tip regions of the robot begin at 45 mm,
+and a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
 
 LEVELS: dict[str, tuple[int, int]] = {"coarse": (1, 1), "low": (2, 1), "mid": (3, 2), "high": (4, 3)}
 """Name of a level: divisions of half an arm's width, layers through the thickness.
@@ -42,9 +44,6 @@ LEVELS: dict[str, tuple[int, int]] = {"coarse": (1, 1), "low": (2, 1), "mid": (3
 "coarse" is for quadratic elements (`order: 2`); linear ones of that size hardly bend.
 """
 
-_ROOT = ARM_HALF_WIDTH / math.sqrt(
-    3.0
-)  # the sides of neighbouring arms meet at this distance along an arm's axis
 _STRETCH = (
     1.1  # element length along the arm per distance of the lines; 2 / sqrt(3) makes equal-sided triangles
 )
@@ -52,7 +51,13 @@ _COARSE_STRETCH = 0.5  # with one division: the arm bends along its length
 _GRADING = 0.7  # growth of the element size per distance from the hole
 
 
-def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod silicone") -> TetMesh:
+def tripod_silicone(
+    divisions: int = 2,
+    layers: int = 1,
+    name: str = "tripod silicone",
+    half_width: float = ARM_HALF_WIDTH,
+    thickness: float = THICKNESS,
+) -> TetMesh:
     """The silicone Y in its own frame: centre of the hole at the origin, z up, arm i at 180 + 120 i degrees.
 
     Symmetric by turns of 120 degrees about z and by reflection in the plane of each arm, in nodes (to
@@ -62,24 +67,36 @@ def tripod_silicone(divisions: int = 2, layers: int = 1, name: str = "tripod sil
         divisions: Elements across half an arm, >= 1; 6 times as many around the hole.
         layers: Elements through the thickness, >= 1.
         name: Name of the mesh.
+        half_width: Half the width of an arm in [m], between 9 and 20 mm.
+        thickness: In [m], > 0.
 
     Returns:
         Positively oriented tetrahedra in [m].
 
     Raises:
-        MeshError: divisions or layers is too small.
+        MeshError: divisions or layers is too small, or a length is out of its range.
     """
     if divisions < 1 or layers < 1:
         raise MeshError(name, f"divisions = {divisions} and layers = {layers} must be >= 1")
-    half_points, half_triangles = half_arm(divisions)
+    if not NARROWEST <= half_width <= WIDEST or not 0.0 < thickness < math.inf:
+        raise MeshError(
+            name,
+            f"half_width = {half_width:g} m must be between {NARROWEST:g} and {WIDEST:g} m, "
+            f"thickness = {thickness:g} m greater than 0",
+        )
+    half_points, half_triangles = half_arm(divisions, half_width)
     points, triangles, labels = _replicate(half_points, half_triangles)
-    heights = THICKNESS * np.arange(layers + 1) / layers
+    heights = thickness * np.arange(layers + 1) / layers
     solid, tets = extrude(points, triangles, labels, heights)
     return TetMesh(solid, tets, name)
 
 
-def half_arm(divisions: int) -> tuple[Array, IndexArray]:
-    """Triangulated half of an arm along +x: 0 <= y <= 15 mm, polar angle up to 60 degrees, outside the hole.
+def half_arm(divisions: int, half_width: float = ARM_HALF_WIDTH) -> tuple[Array, IndexArray]:
+    """Triangulated half of an arm along +x: polar angle up to 60 degrees, outside the hole.
+
+    Args:
+        divisions: Elements across it.
+        half_width: Where it ends along y in [m].
 
     Returns:
         Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
@@ -87,28 +104,34 @@ def half_arm(divisions: int) -> tuple[Array, IndexArray]:
     points: list[tuple[float, float]] = []
     lines: list[list[int]] = []
     for line in range(divisions + 1):
-        new = _line_points(line, divisions)
+        new = _line_points(line, divisions, half_width)
         lines.append(list(range(len(points), len(points) + len(new))))
         points.extend(new)
     plane = np.array(points)
     triangles = [
         triangle for right, left in itertools.pairwise(lines) for triangle in stitch(plane, left, right)
     ]
-    movable = _motions(plane, lines)
+    movable = _motions(plane, lines, half_width)
     for _ in range(3):
         triangles = flip_to_delaunay(plane, triangles)
         plane = smooth(plane, np.array(triangles), movable, sweeps=10)
     return plane, np.array(triangles, dtype=np.int64)
 
 
-def _line_points(line: int, divisions: int) -> list[tuple[float, float]]:
+def _root(half_width: float) -> float:
+    """Where the sides of neighbouring arms meet, as a distance along an arm's axis in [m]."""
+    return half_width / math.sqrt(3.0)
+
+
+def _line_points(line: int, divisions: int, half_width: float) -> list[tuple[float, float]]:
     """Points of one line from the hole to the end of the arm; odd lines are staggered by half an element."""
-    angle, y = math.pi / 3.0 * line / divisions, ARM_HALF_WIDTH * line / divisions
+    angle, y = math.pi / 3.0 * line / divisions, half_width * line / divisions
+    root = _root(half_width)
     start = (HOLE_RADIUS * math.cos(angle), HOLE_RADIUS * math.sin(angle))
-    hub = math.dist(start, (_ROOT, y))
-    length = hub + TIP_LINE - _ROOT
+    hub = math.dist(start, (root, y))
+    length = hub + TIP_LINE - root
     stretch = _COARSE_STRETCH if divisions == 1 else _STRETCH
-    size, size_at_hole = stretch * ARM_HALF_WIDTH / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
+    size, size_at_hole = stretch * half_width / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
     growing = min(
         length, (size - size_at_hole) / _GRADING
     )  # distance over which the size grows from hole to arm
@@ -133,33 +156,34 @@ def _line_points(line: int, divisions: int) -> list[tuple[float, float]]:
     for travelled in along:
         if travelled < hub:
             part = travelled / hub
-            points.append((start[0] + part * (_ROOT - start[0]), start[1] + part * (y - start[1])))
+            points.append((start[0] + part * (root - start[0]), start[1] + part * (y - start[1])))
         else:
-            points.append((_ROOT + travelled - hub, y))
+            points.append((root + travelled - hub, y))
     points[-1] = (TIP_LINE, y)
     if line == divisions:  # the inner corner belongs to the outline
-        points[min(range(len(points)), key=lambda index: math.dist(points[index], (_ROOT, y)))] = (_ROOT, y)
+        points[min(range(len(points)), key=lambda index: math.dist(points[index], (root, y)))] = (root, y)
     tip = max(1, round((ARM_REACH - TIP_LINE) / size))
     stops = range(1, tip) if line % 2 == 0 else [index + 0.5 for index in range(tip)]
     points.extend((TIP_LINE + (ARM_REACH - TIP_LINE) * stop / tip, y) for stop in stops)
     return [*points, (ARM_REACH, y)]
 
 
-def _motions(points: Array, lines: Sequence[Sequence[int]]) -> Array:
+def _motions(points: Array, lines: Sequence[Sequence[int]], half_width: float) -> Array:
     """How smoothing may move each point: within the plane, along the border it lies on, or not at all."""
+    root = _root(half_width)
     movable = np.tile(np.eye(2), (len(points), 1, 1))
     x_only, y_only = np.diag([1.0, 0.0]), np.diag([0.0, 1.0])
     diagonal = np.array([0.5, math.sqrt(0.75)])
     for index in lines[0]:
         movable[index] = x_only
     for index in lines[-1]:
-        movable[index] = x_only if points[index, 0] > _ROOT else np.outer(diagonal, diagonal)
+        movable[index] = x_only if points[index, 0] > root else np.outer(diagonal, diagonal)
     for line in lines:
         for index in line:
             if points[index, 0] in (TIP_LINE, ARM_REACH):
                 movable[index] = 0.0 if line in (lines[0], lines[-1]) else y_only
         movable[line[0]] = 0.0
-    movable[(points == [_ROOT, ARM_HALF_WIDTH]).all(axis=1)] = 0.0
+    movable[(points == [root, half_width]).all(axis=1)] = 0.0
     return movable
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import SceneError, listing
-from softsim_core.fem.assembly import takes_found_stress
+from softsim_core.errors import SceneError
+from softsim_core.fem.cells import takes_found_stress
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.locking import locking_warning
@@ -24,6 +25,7 @@ from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mechanics.state import (
     ACCELERATION,
+    HOLDING,
     KEPT,
     MOVED,
     REDUCED_ACCELERATION,
@@ -51,10 +53,13 @@ from softsim_core.scene.description import (
     JointDescription,
     SceneDescription,
 )
+from softsim_core.scene.material_parts import material_parts
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
 from softsim_core.scene.rod_builder import draw_rod, draw_tetrahedra
+from softsim_core.values import MeshFile
+from softsim_core.wrong_names import known_names
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
 """Element of bodies that name none, by the nodes of a cell of their mesh."""
@@ -71,14 +76,18 @@ class BuiltScene:
     actuators: Actuators
 
 
-def build(scene: SceneDescription) -> BuiltScene:
+def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()) -> BuiltScene:
     """Compile a scene.
+
+    Args:
+        scene: What to compile.
+        shaped: See `rest_bodies`.
 
     Raises:
         SceneError: names or regions do not fit together.
         MeshError: a mesh cannot be used.
     """
-    bodies = _bodies(scene)
+    bodies = rest_bodies(scene, shaped)
     rest = np.concatenate([body.mesh.points for body in bodies]) if bodies else np.zeros((0, 3))
     joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
     region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
@@ -121,7 +130,7 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
     if any(map(takes_found_stress, model.groups)):
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
-        shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,)}
+        shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,), HOLDING: (1,)}
     if acting.keeps:
         shapes[KEPT] = (acting.keeps,)
     for k, group in enumerate(model.groups):
@@ -131,13 +140,41 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
     return shapes
 
 
-def _bodies(scene: SceneDescription) -> tuple[Body, ...]:
-    bodies, start = [], 0
+def rest_bodies(
+    scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()
+) -> tuple[Body, ...]:
+    """The deformable bodies at rest, with their nodes numbered one body after the other.
+
+    Args:
+        scene: What they are described in.
+        shaped: Bodies of another scene, used again where the same mesh begins at the same node.
+
+    Raises:
+        MeshError: a mesh cannot be used.
+    """
+    bodies, start = list[Body](), 0
     for description in scene.bodies:
-        body = _rod(description, start) if description.is_rod else _tetrahedra(description, start)
+        body = next(
+            (each for other, each in shaped if each.nodes.start == start and _same_mesh(other, description)),
+            None,
+        )
+        if body is None:
+            body = _rod(description, start) if description.is_rod else _tetrahedra(description, start)
         bodies.append(body)
         start = body.nodes.stop
     return tuple(bodies)
+
+
+def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
+    """Whether two bodies have one name and one mesh from files; those of arrays and rods are not compared."""
+    if not (isinstance(one.mesh, MeshFile) and isinstance(other.mesh, MeshFile)):
+        return False
+    return (one.name, one.mesh, one.surface, one.order) == (
+        other.name,
+        other.mesh,
+        other.surface,
+        other.order,
+    )
 
 
 def _rod(description: BodyDescription, start: int) -> Body:
@@ -192,7 +229,7 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
         else:
             mass[body.nodes] = total / own.sum() * own
         for added in description.added_masses:
-            nodes = _chosen_nodes(body, added, body.region_points)
+            nodes = chosen_nodes(body, added, body.region_points)
             if len(nodes) == 0:
                 raise SceneError(
                     f"body {body.name}: no node of it lies inside the region of an added mass; move or "
@@ -234,33 +271,40 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
     unloaded = [body.mesh.points if body.unloaded is None else body.unloaded for body in bodies]
     points = np.concatenate([np.zeros((0, 3)), *unloaded])
     ends = np.cumsum([len(body.cells) for body in bodies])
-    members: dict[tuple[str, str], list[int]] = {}
+    owners = [owner for owner, _ in scene.materials]
+    laws = scene.laws
+    members: dict[tuple[str, str], list[tuple[int, int, IndexArray]]] = {}
     for b, description in enumerate(scene.bodies):
         if description.is_rod:
             continue
         nodes = bodies[b].cells.shape[1]
         cell = element(description.element or ELEMENT_OF_NODES[nodes])
-        law = description.material.law_for(scene.solver.rotation)
         if len(cell.reference) != nodes:
             raise SceneError(
                 f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "
                 f"cells of its mesh have {nodes}; choose another element or mesh"
             )
-        for sentence in (locking_warning(cell, description.material.values), description.material.warning):
-            if sentence:
-                warnings.warn(f"body {description.name}: {sentence}", stacklevel=4)
-        members.setdefault((cell.name, law.name), []).append(b)
+        for owner, made_of, inside in material_parts(description, bodies[b]):
+            for sentence in (locking_warning(cell, made_of.values), made_of.warning):
+                if sentence:
+                    warnings.warn(f"body {owner}: {sentence}", stacklevel=4)
+            number = owners.index(owner)
+            members.setdefault((cell.name, laws[number].name), []).append((b, number, inside))
     groups = []
-    for (cell_name, _), inside in members.items():
-        cells = [bodies[b].cells + bodies[b].nodes.start for b in inside]
-        numbers = [np.arange(ends[b] - len(bodies[b].cells), ends[b]) for b in inside]
-        body = np.repeat(inside, [len(each) for each in cells])
-        law = scene.bodies[inside[0]].material.law_for(scene.solver.rotation)
-        groups.append(
-            element_group(
-                element(cell_name), law, points, np.concatenate(cells), body, np.concatenate(numbers)
-            )
+    for (cell_name, _), parts in members.items():
+        cells = [bodies[b].cells[inside] + bodies[b].nodes.start for b, _, inside in parts]
+        numbers = [ends[b] - len(bodies[b].cells) + inside for b, _, inside in parts]
+        counts = [len(inside) for *_, inside in parts]
+        group = element_group(
+            element(cell_name),
+            laws[parts[0][1]],
+            points,
+            np.concatenate(cells),
+            np.repeat([b for b, *_ in parts], counts),
+            np.concatenate(numbers),
         )
+        sets = np.repeat([number for _, number, _ in parts], counts)
+        groups.append(replace(group, parameter_set=sets))
     rods = []
     for b, each in enumerate(bodies):
         if isinstance(each.mesh, RodMesh):
@@ -305,7 +349,7 @@ def _assign_nodes(
         if attachment.relative_to is not None:
             base = joints[scene.joint_names.index(attachment.relative_to)]
             points = (points - base.base_position) @ base.base_rotation
-        nodes = _chosen_nodes(body, attachment, points)
+        nodes = chosen_nodes(body, attachment, points)
         if len(nodes) == 0:
             raise SceneError(
                 f"attachment {attachment.name}: no node of body {body.name} lies inside its region; "
@@ -329,7 +373,7 @@ def _assign_nodes(
     return region_of_node, spring, moving
 
 
-def _chosen_nodes(
+def chosen_nodes(
     body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
 ) -> IndexArray:
     """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, at an end, or in a group."""
@@ -339,9 +383,8 @@ def _chosen_nodes(
     if chosen.group is not None:
         groups = body.mesh.groups if isinstance(body.mesh, TetMesh) else {}
         if chosen.group not in groups:
-            raise SceneError(
-                f"body {body.name}: its mesh has no group {chosen.group!r}; its groups are {listing(groups)}"
-            )
+            known = known_names(chosen.group, groups, "its groups are")
+            raise SceneError(f"body {body.name}: its mesh has no group {chosen.group!r}; {known}")
         return np.asarray(groups[chosen.group] + body.nodes.start)
     region = chosen.box or chosen.sphere
     assert region is not None  # checked by the description

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import os
 import re
@@ -15,6 +14,7 @@ from softsim_core.scene.files import SUFFIXES, installed_roots, known_scenes
 from softsim_core.scene.python_loader import load_python
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_loader import load_yaml
+from softsim_core.wrong_names import known_names
 
 MOST_NAMES: Final = 10
 """A message lists at most so many names."""
@@ -47,6 +47,9 @@ class SceneCatalog:
         named: Names and files of the scenes that the start command named.
         code_folders: Folders whose Python scenes may run, with all below them.
         start_folder: Where the process was started; None: the working directory.
+
+    Attributes:
+        start_folder: That folder; None: it was removed.
     """
 
     def __init__(
@@ -56,8 +59,8 @@ class SceneCatalog:
         start_folder: Path | None = None,
     ) -> None:
         self._named = {name: file.absolute() for name, file in (named or {}).items()}
-        self._code_folders = tuple(_folder(each) for each in code_folders)
-        self._start_folder = _working_directory() if start_folder is None else start_folder.absolute()
+        self._code_folders = tuple(code_folder(each) for each in code_folders)
+        self.start_folder = _working_directory() if start_folder is None else start_folder.absolute()
 
     def scenes(self) -> dict[str, Path]:
         """Names and files of every known scene, sorted by name."""
@@ -66,8 +69,8 @@ class SceneCatalog:
             known.setdefault(name, file)
         for folder in self._code_folders:
             _add(known, folder, folder.rglob("*"))
-        if self._start_folder is not None:
-            _add(known, self._start_folder, self._start_folder.glob("*"))
+        if self.start_folder is not None:
+            _add(known, self.start_folder, self.start_folder.glob("*"))
         return dict(sorted(known.items()))
 
     def names(self) -> tuple[str, ...]:
@@ -82,12 +85,11 @@ class SceneCatalog:
         """
         known = self.scenes()
         if name not in known:
-            near = difflib.get_close_matches(name[:LONGEST_NAME], known, n=1)
-            hint = f" (did you mean {near[0]}?)" if near else ""
+            near = known_names(name, map(shortened, known), "known are")
             raise ConfigError(
                 shortened(name),
                 "",
-                f"no known scene has this name{hint}; known are {names_up_to(MOST_NAMES, known)}; another "
+                f"no known scene has this name; {near}; another "
                 "file must be named when the simulator is started",
             )
         if not self._may_run(known[name]):
@@ -109,10 +111,17 @@ class SceneCatalog:
         return load_python(file, overrides) if file.suffix == ".py" else load_yaml(file, overrides)
 
     def _may_run(self, file: Path) -> bool:
-        if file.suffix != ".py" or file.absolute() in self._named.values():
-            return True
-        folders = (*installed_roots(), *self._code_folders)
-        return any(file.absolute().is_relative_to(folder.absolute()) for folder in folders)
+        return (
+            file.suffix != ".py"
+            or file.absolute() in self._named.values()
+            or code_may_run(file, self._code_folders)
+        )
+
+
+def code_may_run(file: Path, code_folders: Iterable[Path]) -> bool:
+    """Whether a Python file belongs to the installation, or lies in a folder whose code is allowed."""
+    folders = (*installed_roots(), *code_folders)
+    return any(file.absolute().is_relative_to(folder.absolute()) for folder in folders)
 
 
 def folders_of(text: str) -> list[str]:
@@ -141,7 +150,7 @@ def _working_directory() -> Path | None:
         return None
 
 
-def _folder(path: str | os.PathLike[str]) -> Path:
+def code_folder(path: str | os.PathLike[str]) -> Path:
     """A folder whose code is allowed.
 
     Raises:

@@ -14,12 +14,14 @@ from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_m
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FREE, Model
 from softsim_core.mechanics.state import State
-from softsim_core.mesh import SurfaceMesh, embed, read_surface
+from softsim_core.mesh import SurfaceMesh, TetMesh, embed, read_surface
+from softsim_core.mesh.faces import triangles_of
 from softsim_core.scene.body import Body
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.objects import CollisionDescription
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.rigid_builder import RigidBody
+from softsim_core.wrong_names import known_names
 
 
 def contacts(
@@ -46,6 +48,11 @@ def contacts(
             moving = bool((model.region_of_node[body.nodes] == FREE).any())
         else:
             thing = rigid[owner - len(bodies)]
+            if description.faces is not None:
+                raise SceneError(
+                    f"collision {description.name}: {description.body} is a rigid body, which has no group "
+                    f"{description.faces!r} of faces; remove `faces`"
+                )
             surface = _chosen(description, thing.surface)
             moving = thing.free >= 0 or thing.on != "world"
         sphere = not soft and rigid[owner - len(bodies)].radius > 0.0 and description.surface is None
@@ -108,14 +115,44 @@ def _friction(scene: SceneDescription) -> Array:
 
 def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
     """A surface that a deformable body carries, and the nodes and weights of its vertices, (v, 4) each."""
-    if description.surface is None:
-        whole = body.outside
-    else:
+    if description.surface is not None:
         whole = read_surface(description.surface.file, description.surface.placement)
+    elif description.faces is not None:
+        try:
+            triangles = triangles_in(description.faces, body)
+        except SceneError as error:
+            raise SceneError(f"collision {description.name}: {error}") from error
+        whole = replace(body.outside, triangles=triangles - body.nodes.start)
+    else:
+        whole = body.outside
     surface = _chosen(replace(description, surface=None), whole)
     bound = embed(surface.points, body.solid)
     weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
     return surface, bound.nodes + body.nodes.start, weights / weights.sum(axis=1, keepdims=True)
+
+
+def triangles_in(faces: str | None, body: Body) -> IndexArray:
+    """Triangles of a deformable body's boundary: all, or those of a group of faces of its file, shape (k, 3).
+
+    Raises:
+        SceneError: the mesh has no such group, or faces of it lie inside.
+    """
+    if faces is None:
+        return body.boundary
+    mesh = body.mesh
+    named = mesh.surfaces if isinstance(mesh, TetMesh) else {}
+    if not isinstance(mesh, TetMesh) or faces not in named:
+        known = known_names(faces, named, "its groups of faces are")
+        raise SceneError(f"body {body.name} has no group {faces!r} of faces in its mesh; {known}")
+    wanted = np.unique(np.sort(named[faces], axis=1), axis=0)
+    found = body.boundary[triangles_of(mesh, body.boundary - body.nodes.start, wanted)]
+    inside = len(wanted) - len(found) // (4 if mesh.order == 2 else 1)
+    if inside:
+        raise SceneError(
+            f"body {body.name} has {inside} of the {len(wanted)} faces of group {faces!r} inside; name faces "
+            "that its cells leave free"
+        )
+    return found
 
 
 def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:

@@ -10,7 +10,7 @@ from softsim_core.errors import SceneError
 from softsim_core.values import FieldError, Vector, need_finite, need_positive
 
 EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
-Action: TypeAlias = Literal["start", "send", "inverse", "reset", "pause", "quit"]
+Action: TypeAlias = Literal["start", "send", "e_stop", "clear_e_stop", "inverse", "reset", "pause", "quit"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias, get_args
 
 from softsim_core.actuation.building import ActuatorDescription
@@ -22,6 +22,7 @@ from softsim_core.linalg.solvers import AUTO, linear_solver_names
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.material_region import MaterialRegionDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
 from softsim_core.scene.rod import RodDescription, RodEnd
@@ -34,6 +35,7 @@ from softsim_core.sensing.description import (
 )
 from softsim_core.units import ANGLE, LENGTH, JointUnits
 from softsim_core.values import (
+    DIRECTION,
     Box,
     FieldError,
     MeshFile,
@@ -44,6 +46,7 @@ from softsim_core.values import (
     need_positive,
     need_unit,
 )
+from softsim_core.wrong_names import known_names, one_of
 
 RotationLaw: TypeAlias = Literal["polar", "qr"]
 MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]
@@ -91,6 +94,7 @@ class BodyDescription:
         added_masses: What parts of it carry.
         layers: Thin sheets on its faces.
         fibres: What runs through it and carries tension only.
+        regions: Parts of it that are made of something else.
         velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
         colour: Red, green, blue, alpha in 0..1, for pictures only.
@@ -111,7 +115,8 @@ class BodyDescription:
     added_masses: tuple[AddedMassDescription, ...] = ()
     layers: tuple[LayerDescription, ...] = ()
     fibres: tuple[FibresDescription, ...] = ()
-    velocity: Vector = (0.0, 0.0, 0.0)
+    regions: tuple[MaterialRegionDescription, ...] = ()
+    velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
     surface: MeshFile | None = None
     colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
     order: Literal[1, 2] | None = None
@@ -134,9 +139,11 @@ class BodyDescription:
             need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
         if not all(0.0 <= channel <= 1.0 for channel in self.colour):
             raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
-        names = [each.name for each in self.reinforcements]
+        names = [each.name for each in self.parts]
         if twice := {name for name in names if names.count(name) > 1}:
-            raise SceneError(f"body {self.name}: layers and fibres share the name {min(twice)}; rename one")
+            raise SceneError(
+                f"body {self.name}: layers, fibres and regions share the name {min(twice)}; rename one"
+            )
 
     def _check_rod(self) -> None:
         owner = f"body {self.name}"
@@ -154,7 +161,7 @@ class BodyDescription:
             self._check_sections(owner)
         else:
             self._check_tetrahedra_of_rod(owner, self.rod, self.element)
-        for name in ("layers", "fibres", "surface", "order"):
+        for name in ("layers", "fibres", "regions", "surface", "order"):
             if getattr(self, name):
                 raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
 
@@ -192,6 +199,11 @@ class BodyDescription:
         """Its layers, then its fibres."""
         return (*self.layers, *self.fibres)
 
+    @property
+    def parts(self) -> tuple[LayerDescription | FibresDescription | MaterialRegionDescription, ...]:
+        """What of it has parameters of its own: layers, fibres, regions."""
+        return (*self.reinforcements, *self.regions)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointDescription:
@@ -203,8 +215,7 @@ class JointDescription:
             such as cable ([m] by which it is shortened).
         actuator: The description of that actuator, in files under the key named after its kind; its joint has
             no frame and no axis.
-        parent: Name of a joint before it in the list that carries this joint's base. On a revolute one a
-            joint can carry rigid bodies only.
+        parent: Name of a joint before it in the list that carries this joint's base; chains of any length.
         base: Base frame in the world, the parent at rest (its scale is not used).
         axis: Unit axis in the base frame, through its origin.
         limits: Position interval and top speed.
@@ -248,7 +259,7 @@ class JointDescription:
     def _check_actuator(self, owner: str) -> None:
         described = described_kinds()
         if self.kind not in described:
-            raise FieldError(owner, "kind", repr(self.kind), f"one of {listing((*FRAME_KINDS, *described))}")
+            raise FieldError(owner, "kind", repr(self.kind), one_of(self.kind, (*FRAME_KINDS, *described)))
         if not isinstance(self.actuator, described[self.kind]):
             raise SceneError(
                 f"{owner}: `{self.kind}` and kind = {self.kind} belong together; give both or neither"
@@ -317,7 +328,9 @@ def _need_one_region(owner: str, *given: Box | Sphere | RodEnd | str | None) -> 
 
 
 TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]
+Threads: TypeAlias = Literal["auto"] | int
 SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
+MOST_THREADS: Final = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -330,6 +343,8 @@ class SolverSettings:
         backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
         linear_solver: Name of what solves the linear systems of step and statics, see linalg.solvers; "auto"
             leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
+        threads: Of the compiled step of a large mesh, some 3000 nodes and more: 1 to 64, or "auto": as many
+            as OMP_NUM_THREADS says, else as the process has cores. States are the same bit by bit.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
         time_integration: "implicit_euler", or "bossak", of second order, for what shall ring as
@@ -346,6 +361,7 @@ class SolverSettings:
     rotation: RotationLaw = "polar"
     backend: Backend = "auto"
     linear_solver: str = AUTO
+    threads: Threads = "auto"
     rayleigh_stiffness: float = 0.0
     rayleigh_mass: float = 0.0
     time_integration: TimeIntegration = "implicit_euler"
@@ -362,7 +378,7 @@ class SolverSettings:
             if not 0.0 <= value < math.inf:
                 raise FieldError("solver", name, value, f">= 0 {unit}")
         if self.time_integration not in get_args(TimeIntegration):
-            allowed = f"one of {listing(get_args(TimeIntegration))}"
+            allowed = one_of(self.time_integration, get_args(TimeIntegration))
             raise FieldError("solver", "time_integration", self.time_integration, allowed)
         if not 0.0 <= self.spectral_radius <= 1.0:
             raise FieldError("solver", "spectral_radius", self.spectral_radius, "between 0 and 1")
@@ -374,7 +390,9 @@ class SolverSettings:
             raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
         known = (AUTO, *linear_solver_names())
         if self.linear_solver not in known:
-            raise FieldError("solver", "linear_solver", self.linear_solver, f"one of {listing(known)}")
+            raise FieldError("solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, known))
+        if self.threads != "auto" and not 1 <= self.threads <= MOST_THREADS:
+            raise FieldError("solver", "threads", self.threads, f"auto, or 1 to {MOST_THREADS}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -436,14 +454,10 @@ class SceneDescription:
 
     @property
     def materials(self) -> tuple[tuple[str, Mapping[str, float]], ...]:
-        """What has parameters of a law, and their values: bodies, then `BODY.LAYER` and `BODY.FIBRES`."""
+        """What has parameters of a law, and their values: bodies, then `BODY.PART` of each; see `parts`."""
         return (
             *((body.name, body.material.values) for body in self.bodies),
-            *(
-                (f"{body.name}.{each.name}", each.values)
-                for body in self.bodies
-                for each in body.reinforcements
-            ),
+            *((f"{body.name}.{each.name}", each.values) for body in self.bodies for each in body.parts),
         )
 
     @property
@@ -451,7 +465,13 @@ class SceneDescription:
         """The laws of `materials`, in the same order."""
         return (
             *(body.material.law_for(self.solver.rotation) for body in self.bodies),
-            *(each.law for body in self.bodies for each in body.reinforcements),
+            *(
+                each.material.law_for(self.solver.rotation)
+                if isinstance(each, MaterialRegionDescription)
+                else each.law
+                for body in self.bodies
+                for each in body.parts
+            ),
         )
 
     def parameter_prefix(self, owner: str) -> str:
@@ -468,34 +488,21 @@ class SceneDescription:
 
         def known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
             if name is not None and name not in names:
-                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; known: {listing(names)}")
+                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; {known_names(name, names)}")
 
-        hinges = {joint.name for joint in self.joints if joint.kind == "revolute"}
-        hinged: set[str] = set()
         for j, each in enumerate(self.joints):
             what = f"parent of joint {each.name} (a revolute or prismatic joint before it)"
             known(what, each.parent, [name for name in frames if name in joints[:j]])
-            if each.parent in hinges | hinged:
-                hinged.add(each.name)
-
-        def known_soft(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
-            known(what, name, names)
-            if name in hinged:
-                raise SceneError(
-                    f"scene {self.name}: {what} {name} is carried by a revolute joint, so it can carry "
-                    "rigid bodies only; choose another joint"
-                )
-
         for attachment in self.attachments:
             known("body", attachment.body, bodies)
-            known_soft("attachment target", attachment.to, ("world", "free", *frames, *free))
+            known("attachment target", attachment.to, ("world", "free", *frames, *free))
             known("joint", attachment.relative_to, frames)
         for each in self.joints:
             if each.actuator is not None:
                 for field_name, name in each.actuator.bodies().items():
                     known(f"{field_name} of {each.kind} {each.name}", name, bodies)
                 for field_name, name in each.actuator.carriers().items():
-                    known_soft(f"{field_name} of {each.kind} {each.name}", name, frames)
+                    known(f"{field_name} of {each.kind} {each.name}", name, frames)
         bases = [f"{name}_base" for name in frames]
         for rigid in self.rigid_bodies:
             known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from softsim_core.errors import ConfigError, listing
+from softsim_core.wrong_names import known_names
 
 Kind: TypeAlias = Literal["robots", "scenes"]
 KINDS: tuple[Kind, ...] = ("robots", "scenes")
@@ -97,10 +97,9 @@ def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) 
     name = path.with_suffix("").as_posix() if path.suffix in SUFFIXES else text
     if name in known and (path.suffix in ("", known[name].suffix) or name == text):
         return known[name].absolute()
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
     what = "robot" if kind == "robots" else "scene" if kind == "scenes" else "robot or scene"
-    raise ConfigError(text, "", f"no such file, and no {what} of that name{hint}; known: {listing(known)}")
+    near = known_names(name, known, lists_all="softsim scenes")
+    raise ConfigError(text, "", f"no such file, and no {what} of that name; {near}")
 
 
 def _paths_of(variable: str) -> list[Path]:

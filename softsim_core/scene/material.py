@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from softsim_core.errors import MaterialError, SceneError, listing
+from softsim_core.errors import MaterialError, SceneError
 from softsim_core.fem.materials import Material, MaterialParameter, material
 from softsim_core.fem.materials.elastomers import (
     DEFAULT_FIT,
@@ -15,6 +15,7 @@ from softsim_core.fem.materials.elastomers import (
 )
 from softsim_core.fem.materials.relaxing import SHARE, TIME, relaxing
 from softsim_core.values import FieldError
+from softsim_core.wrong_names import known_names
 
 DEFAULT_LAW = "corotational"
 REFERENCE_LAW = "corotational_qr"
@@ -162,8 +163,8 @@ def _law_of(law: object, terms: int = 0) -> Material:
 def _checked(law: Material, values: Mapping[str, float]) -> dict[str, float]:
     for name in values:
         if name not in law.names:
-            known = listing(law.names)
-            raise SceneError(f"material: the law {law.name} has no parameter {name!r}; known: {known}")
+            known = known_names(name, law.names)
+            raise SceneError(f"material: the law {law.name} has no parameter {name!r}; {known}")
     complete = {}
     for parameter in law.parameters:
         value = values.get(parameter.name, parameter.default)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from softsim_core.errors import SceneError
 from softsim_core.mesh.shapes import Shape
-from softsim_core.values import Box, MeshFile, Placement, Vector, need_finite, need_positive
+from softsim_core.values import DIRECTION, Box, MeshFile, Placement, Vector, need_finite, need_positive
 
 Colour = tuple[float, float, float, float]
 
@@ -34,8 +34,8 @@ class RigidBodyDescription:
     mass: float | None = None
     inertia: Vector | None = None
     pose: Placement = Placement()
-    velocity: Vector = (0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
+    angular_velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
     on: str = "world"
     colour: Colour = (0.9, 0.7, 0.2, 1.0)
 
@@ -71,6 +71,7 @@ class CollisionDescription:
         body: Name of a deformable or rigid body.
         surface: A surface that follows the body; None: the boundary of the tetrahedra, or the rigid shape.
         boxes: Only the triangles with all corners in one of these boxes (rest shape); none: all.
+        faces: Only those of a physical group of faces of the body's Gmsh file; None: all.
         groups: Names of the groups it belongs to.
     """
 
@@ -78,4 +79,12 @@ class CollisionDescription:
     body: str
     surface: MeshFile | None = None
     boxes: tuple[Box, ...] = ()
+    faces: str | None = None
     groups: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.faces is not None and (self.boxes or self.surface is not None):
+            raise SceneError(
+                f"collision {self.name}: `faces` names all of its triangles; remove `boxes` and `surface`, "
+                "or `faces`"
+            )

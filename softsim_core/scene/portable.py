@@ -21,10 +21,15 @@ _DRIVEN = ("name", "dt", "joints", "poses", "commands", "start", "keys", "board"
 """Keys that are enough to drive a robot."""
 
 
-def write_description(robot: RobotDescription) -> str:
-    """A robot and its scene as YAML text with every value; meshes made in Python are named by their size."""
+def write_description(robot: RobotDescription, *, given_only: bool = False) -> str:
+    """A robot and its scene as YAML text; meshes made in Python are named by their size.
+
+    Args:
+        robot: The robot.
+        given_only: Leave out values that are as by default, for people; else it holds every value.
+    """
     yaml = importlib.import_module("yaml")
-    data = _plain(unstructure_scene(robot))
+    data = _plain(unstructure_scene(robot, given_only=given_only))
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110))
 
 

@@ -21,13 +21,16 @@ from softsim_core.scene.structure import sourced, structure_scene, unstructure_s
 from softsim_core.scene.yaml_source import merge
 
 
-def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
+def load_python(
+    file: str | Path, overrides: Mapping[str, Any] | None = None, arguments: Mapping[str, Any] | None = None
+) -> RobotDescription:
     """The scene that a Python file builds.
 
     Args:
         file: A file that defines `create_scene(scene)`; it gets a `Scene` to add to. It may import modules
             that lie beside it. Relative mesh paths are relative to the file.
         overrides: Laid over the result by the rules of `load_yaml`, before validation.
+        arguments: Passed to `create_scene` by name; its further parameters need defaults.
 
     Returns:
         Validated description with absolute mesh paths; `source` is the file.
@@ -41,7 +44,7 @@ def load_python(file: str | Path, overrides: Mapping[str, Any] | None = None) ->
         create_scene = _module(path).__dict__.get("create_scene")
         if not callable(create_scene):
             raise ConfigError(path, "", "must define a function create_scene(scene)")
-        create_scene(scene)
+        create_scene(scene, **(arguments or {}))
     try:
         draft = scene.describe()
         data = unstructure_scene(draft, path)
@@ -73,11 +76,17 @@ def _module(path: Path) -> ModuleType:
 
 @contextmanager
 def _beside(path: Path) -> Iterator[None]:
+    """What lies beside the file can be imported, as it is now.
+
+    Python keeps what it compiled by whole seconds: a module saved twice in one would be taken as it was.
+    """
     folder = str(path.parent)
     sys.path.insert(0, folder)
+    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
     finally:
+        sys.dont_write_bytecode = kept
         if folder in sys.path:
             sys.path.remove(folder)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from softsim_core.errors import MaterialError, SceneError
 from softsim_core.fem.materials import Material
 from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
-from softsim_core.values import Box, FieldError, Sphere, Vector, need_finite, need_positive
+from softsim_core.values import DIRECTION, POINT, Box, FieldError, Sphere, Vector, need_finite, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,8 +63,8 @@ class LayerDescription:
 class AxisDescription:
     """A line in space: a point on it in [m] and its direction, of any length but zero."""
 
-    through: Vector
-    direction: Vector
+    through: Vector = field(metadata=POINT)
+    direction: Vector = field(metadata=DIRECTION)
 
     def __post_init__(self) -> None:
         need_finite("axis", "through", self.through)
@@ -88,7 +88,7 @@ class FibresDescription:
 
     name: str
     stiffness: float
-    direction: Vector | None = None
+    direction: Vector | None = field(default=None, metadata=DIRECTION)
     around: AxisDescription | None = None
     angle_deg: float = 0.0
     radii: tuple[float, float] | None = None

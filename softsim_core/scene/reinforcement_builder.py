@@ -64,16 +64,17 @@ def reinforcements(
     Raises:
         SceneError: one covers nothing.
     """
-    parts, mass, number = _Parts(), np.zeros(len(rest)), len(scene.bodies)
+    parts, mass = _Parts(), np.zeros(len(rest))
+    owners = [owner for owner, _ in scene.materials]
     for b, (body, description) in enumerate(zip(bodies, scene.bodies, strict=True)):
         for each in description.reinforcements:
+            number = owners.index(f"{description.name}.{each.name}")
             if isinstance(each, LayerDescription):
                 group = _layer(each, description, body, b, number, rest)
                 mass += each.density * volume_shares(group, len(rest))
             else:
                 group = _fibres(each, description, b, number, filling, rest)
             parts.add(group)
-            number += 1
     return parts.joined(sum(len(group.cells) for group in filling)), mass
 
 

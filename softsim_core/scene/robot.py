@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
 from softsim_core.scene.description import JointDescription, SceneDescription
@@ -16,6 +16,7 @@ from softsim_core.scene.file_keys import ABSENT, BESIDE
 from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
 from softsim_core.values import FieldError, need_finite
+from softsim_core.wrong_names import known_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +67,7 @@ class RobotDescription:
 
         def known(what: str, name: str | None, names: tuple[str, ...]) -> None:
             if name is not None and name not in names:
-                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; known: {listing(names)}")
+                raise SceneError(f"scene {self.name}: unknown {what} {name!r}; {known_names(name, names)}")
 
         for pose, values in self.poses.items():
             if len(values) != len(joints):

@@ -5,7 +5,6 @@ cattrs does the dispatch over the dataclasses' types; it is imported on first us
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib
 import math
@@ -13,7 +12,7 @@ import numbers
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +25,7 @@ from softsim_core.fem.materials import material, material_names
 from softsim_core.fem.materials.elastomers import DEFAULT_FIT, elastomer
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.board import BusServo, ServoCalibration
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.description import JointDescription, Threads
 from softsim_core.scene.file_keys import beside, is_absent, is_beside, keys_of
 from softsim_core.scene.material import DEFAULT_LAW, MaterialDescription, law_parameters
 from softsim_core.scene.robot import RobotDescription, need_namespace
@@ -34,6 +33,7 @@ from softsim_core.scene.sensor_keys import KIND, sensor_structure
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path, relative_to_file
 from softsim_core.sensing.description import SimulatedSensorDescription
 from softsim_core.values import FieldError, MeshFile, Vector
+from softsim_core.wrong_names import known_names, one_of
 
 Hook = Callable[[Any, Any], Any]
 T = typing.TypeVar("T")
@@ -67,6 +67,7 @@ def structured(
     file: str | Path,
     check: Callable[[T], None] = lambda _: None,
     find_files: bool = True,
+    at: str | None = None,
 ) -> T:
     """A typed description from the data of a file.
 
@@ -76,6 +77,7 @@ def structured(
         file: Named in messages where a value does not know its own file.
         check: What the description must hold besides; it raises what is wrong.
         find_files: Look for the files that are named; else their paths stay as they are written.
+        at: Key of the file under which the data stand; None: they are the whole file.
 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
@@ -90,18 +92,22 @@ def structured(
         check(description)
     except Exception as error:
         path, problem = _first_problem(error)
-        raise ConfigError(_file_of(data, path) or file, key_path(path), problem) from None
+        where = key_path(path if at is None else (at, *path))
+        raise ConfigError(_file_of(data, path) or file, where, problem) from None
     return description
 
 
-def unstructure_scene(robot: RobotDescription, file: Path | None = None) -> SourcedMapping:
+def unstructure_scene(
+    robot: RobotDescription, file: Path | None = None, *, given_only: bool = False
+) -> SourcedMapping:
     """A robot and its scene as plain data, in the form of the YAML files (without controllers and source).
 
     Args:
         robot: Any robot; meshes given as arrays stay arrays.
         file: The file that relative paths are relative to.
+        given_only: Leave out what is as by default.
     """
-    data = _plain(robot, file)
+    data = _plain(robot, file, given_only)
     assert isinstance(data, SourcedMapping)
     return data
 
@@ -111,7 +117,7 @@ def sourced(value: Any, file: Path | None) -> Any:
     return _plain(value, file)
 
 
-def _plain(value: Any, file: Path | None) -> Any:
+def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
     if isinstance(value, TetMesh):
         return value
     if isinstance(value, MaterialDescription):
@@ -119,23 +125,29 @@ def _plain(value: Any, file: Path | None) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         data = SourcedMapping({}, file)
         for each in fields(value):
-            if not is_absent(each):
-                plain = _plain(getattr(value, each.name), file)
+            held = getattr(value, each.name)
+            if not is_absent(each) and not (given_only and _is_default(each, held)):
+                plain = _plain(held, file, given_only)
                 data.update(plain if is_beside(each) else {each.name: plain})
         if isinstance(value, JointDescription):
-            actuator = data.pop("actuator")
+            actuator = data.pop("actuator", None)
             if value.actuator is not None:
                 data[value.actuator.kind] = actuator
         if isinstance(value, SimulatedSensorDescription):
             data[KIND] = value.kind
         return data
     if isinstance(value, Mapping):
-        return SourcedMapping({key: _plain(item, file) for key, item in value.items()}, file)
+        return SourcedMapping({key: _plain(item, file, given_only) for key, item in value.items()}, file)
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, list | tuple):
-        return [_plain(item, file) for item in value]
+        return [_plain(item, file, given_only) for item in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def _is_default(field: Field[Any], value: Any) -> bool:
+    usual = field.default_factory() if field.default_factory is not MISSING else field.default
+    return bool(usual is not MISSING and value == usual)
 
 
 def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
@@ -318,7 +330,7 @@ def _one_of(literal: Any) -> Hook:
         for each in allowed:
             if type(value) is type(each) and value == each:
                 return each
-        raise _RefusedError(f"must be one of {listing(allowed)}, not {_shown(value)}")
+        raise _RefusedError(f"must be {one_of(value, allowed)}, not {_shown(value)}")
 
     return structure
 
@@ -445,6 +457,7 @@ def _converter(find_files: bool) -> Any:
         on_bus = isinstance(value, Mapping) and "id" in value
         return converter.structure(value, BusServo if on_bus else ServoCalibration)
 
+    converter.register_structure_hook_func(lambda t: t == Threads, _threads)
     converter.register_structure_hook_func(lambda t: _members(t) == {ServoCalibration, BusServo}, servo)
     converter.register_structure_hook_func(
         lambda t: _members(t) == {MeshFile, TetMesh, type(None)}, mesh_or_file
@@ -455,13 +468,18 @@ def _converter(find_files: bool) -> Any:
     return converter
 
 
+def _threads(value: Any, _: Any) -> Any:
+    if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
+        raise _RefusedError(f"must be auto or a whole number, not {value!r}")
+    return value
+
+
 def _refuse_unknown(value: Mapping[Any, Any], known: list[str]) -> None:
     """Refuse a mapping with a key that is not known."""
     for key in value:
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise _RefusedError(f"unknown key; {hint}known keys: {listing(known)}", (str(key),))
+            allowed = known_names(key, known, "known keys:", whole=True)
+            raise _RefusedError(f"unknown key; {allowed}", (str(key),))
 
 
 def _has_origin(origin: Any, annotation: Any) -> bool:

@@ -4,9 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Literal, TypeAlias, get_args
 
 from softsim_core.errors import SceneError
 from softsim_core.values import FieldError, Vector, need_finite, need_positive
+
+StressMap: TypeAlias = Literal["viridis", "inferno", "coolwarm"]
+"""A colour map: even steps of it look even."""
+STRESS_MAPS: tuple[StressMap, ...] = get_args(StressMap)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section:
+    """A plane that cuts bodies open: what lies beyond `at` in [m] along the world's `axis` is not drawn."""
+
+    axis: Literal["x", "y", "z"]
+    at: float = 0.0
+
+    def __post_init__(self) -> None:
+        need_finite("section", "at", (self.at,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,9 +50,9 @@ class ViewSettings:
         stress: These surfaces coloured by von Mises stress.
         elements: Finite elements.
         nodes: Nodes, the unknowns of the bodies, as squares.
-        zones: Nodes of rigid zones and fixings, a colour each.
+        regions: Nodes of rigid regions and fixings, a colour each.
         boxes: Boxes and spheres that select nodes.
-        frames: Frames of joints and free rigid zones, and of rigid bodies.
+        frames: Frames of joints and free rigid regions, and of rigid bodies.
         arms: Servos and their arms.
         labels: Names of the servos.
         cables: Cables, their points and pull points.
@@ -46,9 +62,13 @@ class ViewSettings:
         collisions: Surfaces that contact looks at.
         search_boxes: A box around each of these surfaces; contact is looked for only where two boxes come
             nearer than the alarm distance.
+        ghost: The bodies as they are at rest, faintly.
+        trail: The way that the effector has come.
         hidden: Parts that are not shown, each as KIND/NAME: bodies/silicone, joints/servo_0, attachments/...,
             rigid_bodies/..., collisions/....
+        stress_map: Colours of the stress.
         stress_top: Stress in [Pa] of the last colour, > 0; None: the largest there is.
+        section: Where bodies are cut open; None: nowhere.
         node_size: Size in [m] at which nodes are drawn, > 0.
         camera: Where the camera starts; None: where it sees all bodies.
     """
@@ -59,7 +79,7 @@ class ViewSettings:
     stress: bool = False
     elements: bool = False
     nodes: bool = False
-    zones: bool = False
+    regions: bool = False
     boxes: bool = False
     frames: bool = False
     arms: bool = True
@@ -70,8 +90,12 @@ class ViewSettings:
     rigid: bool = True
     collisions: bool = False
     search_boxes: bool = False
+    ghost: bool = False
+    trail: bool = False
     hidden: tuple[str, ...] = ()
+    stress_map: StressMap = "viridis"
     stress_top: float | None = None
+    section: Section | None = None
     node_size: float = 0.0009
     camera: Camera | None = None
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import pickle
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -48,6 +50,8 @@ def key_path(path: Iterable[str | int]) -> str:
 def read_yaml(file: Path) -> SourcedMapping:
     """The mapping a YAML file holds; anchors, aliases and merge keys (<<) are resolved.
 
+    A text that was parsed lately is not parsed again: parsing takes longer than all the rest of a scene.
+
     Raises:
         ConfigError: unreadable file, YAML syntax, a key given twice or not text, no mapping at the top.
     """
@@ -58,7 +62,13 @@ def read_yaml(file: Path) -> SourcedMapping:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
-    return parse_yaml(text, file)
+    data: SourcedMapping = pickle.loads(_parsed(text, file))  # a copy of its own, to be changed
+    return data
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str, file: Path) -> bytes:
+    return pickle.dumps(parse_yaml(text, file))
 
 
 def parse_yaml(text: str, file: Path) -> SourcedMapping:
@@ -233,7 +243,11 @@ def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
     Raises:
         ConfigError: as `read_yaml`; a missing base file; files that extend each other in a circle.
     """
-    data = read_yaml(file)
+    return extended(read_yaml(file), file, below)
+
+
+def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
+    """What a YAML file holds, merged over the file its key `extends` names, as `read_extended`."""
     if "extends" not in data:
         return data
     target = data.pop("extends")

@@ -4,6 +4,7 @@ from softsim_core.sensing.building import Scenery, SensorKind
 from softsim_core.sensing.cable import CableSensorDescription
 from softsim_core.sensing.chamber import ChamberSensorDescription
 from softsim_core.sensing.description import Reference, SimulatedSensorDescription
+from softsim_core.sensing.force_torque import ForceTorqueDescription
 from softsim_core.sensing.imu import ImuDescription
 from softsim_core.sensing.markers import MarkersDescription
 from softsim_core.sensing.registry import register_sensor, sensor_kind, sensor_kinds
@@ -16,6 +17,7 @@ from softsim_core.sensing.wrench import WrenchSensorDescription
 __all__ = [
     "CableSensorDescription",
     "ChamberSensorDescription",
+    "ForceTorqueDescription",
     "ImuDescription",
     "MarkersDescription",
     "Reference",

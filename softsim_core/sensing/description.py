@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple
 
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
 from softsim_core.values import FieldError, Vector, need_finite
+from softsim_core.wrong_names import known_names
 
 ANY_BODY: Final = "body"
 """What a reference may name: a body, deformable or rigid."""
@@ -104,7 +105,7 @@ def need_sensors(
             if name not in known.get(among, ()):
                 raise SceneError(
                     f"scene {scene}: unknown {among} {name!r} ({field} of {sensor.owner}); "
-                    f"known: {listing(known.get(among, ()))}"
+                    f"{known_names(name, known.get(among, ()))}"
                 )
         if sensor.rate is not None and sensor.rate * dt > 1.0 + 1e-9:
             raise SceneError(

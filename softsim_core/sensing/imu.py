@@ -12,7 +12,7 @@ Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from softsim_core.sensing.building import Scenery, SensorKind, both
 from softsim_core.sensing.description import PLACE, Reference, SimulatedSensorDescription
 from softsim_core.sensing.place import Place
 from softsim_core.sensing.sensor import Seen, Sensor
-from softsim_core.values import Placement, Vector
+from softsim_core.values import LOCAL, Placement, Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +48,7 @@ class ImuDescription(SimulatedSensorDescription):
 
     kind: ClassVar[str] = "imu"
     on: str
-    pose: Placement = Placement()
+    pose: Placement = field(default=Placement(), metadata=LOCAL)
     accelerometer_noise: float = 0.0
     gyroscope_noise: float = 0.0
     accelerometer_bias: Vector = (0.0, 0.0, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from softsim_core.errors import SceneError
 from softsim_core.sensing.building import Scenery, SensorKind
 from softsim_core.sensing.description import SOFT_BODY, Reference, SimulatedSensorDescription
 from softsim_core.sensing.sensor import Seen, Sensor
-from softsim_core.values import FieldError, Vector, need_finite
+from softsim_core.values import POINT, FieldError, Vector, need_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class MarkersDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "markers"
-    points: tuple[Vector, ...]
+    points: tuple[Vector, ...] = field(metadata=POINT)
     body: str | None = None
     noise: float = 0.0
     camera: Vector | None = None

@@ -11,6 +11,7 @@ from softsim_core.sensing.building import Scenery, SensorKind
 from softsim_core.sensing.cable import CABLE_SENSOR
 from softsim_core.sensing.chamber import CHAMBER_SENSOR
 from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_core.sensing.force_torque import FORCE_TORQUE
 from softsim_core.sensing.imu import IMU
 from softsim_core.sensing.markers import MARKERS
 from softsim_core.sensing.sensor import Sensor
@@ -19,7 +20,7 @@ from softsim_core.sensing.tactile import TACTILE
 from softsim_core.sensing.wrench import WRENCH
 
 _kinds: Registry[SensorKind] = Registry(
-    "sensor kind", WRENCH, TACTILE, STRAIN, IMU, MARKERS, CABLE_SENSOR, CHAMBER_SENSOR
+    "sensor kind", WRENCH, FORCE_TORQUE, TACTILE, STRAIN, IMU, MARKERS, CABLE_SENSOR, CHAMBER_SENSOR
 )
 
 

@@ -23,12 +23,16 @@ class Seen:
         before: The state at the start of the step; where none was done it is `state`.
         state: The state now.
         report: What the step told.
+        forces: External forces on the nodes in the step in [N], shape (n, 3).
+        drag: Damping per mass in the step in [1/s].
     """
 
     model: Model
     before: State
     state: State
     report: StepReport
+    forces: Array
+    drag: float = 0.0
 
     @property
     def contacts(self) -> ContactReport:

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from softsim_core.arrays import Array
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
 from softsim_core.sensing.description import SimulatedSensorDescription
 from softsim_core.sensing.noise import SampleNoise
 from softsim_core.sensing.sensor import Seen, Sensor
+from softsim_core.wrong_names import known_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +65,7 @@ class Sensors:
             SceneError: there is none of that name.
         """
         if name not in self._told:
-            raise SceneError(f"unknown sensor {name!r}; known: {listing(self._told)}")
+            raise SceneError(f"unknown sensor {name!r}; {known_names(name, self._told)}")
         return self._told[name]
 
     def __iter__(self) -> Iterator[str]:

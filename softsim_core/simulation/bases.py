@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, listing
+from softsim_core.errors import CommandError
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
+from softsim_core.wrong_names import known_names
 
 SPEED: Final = 0.05
 """Bases move this fast, in [m/s]: the body follows without a blow."""
@@ -39,7 +40,7 @@ class MovableBases:
         joints = self._model.joints
         known = {joint.name: j for j, joint in enumerate(joints) if joint.moves_frame}
         if name not in known:
-            raise CommandError(f"no joint {name!r} has a base; known: {listing(known)}")
+            raise CommandError(f"no joint {name!r} has a base; {known_names(name, known)}")
         target = np.array(position, dtype=float)
         if target.shape != (3,) or not np.isfinite(target).all():
             raise CommandError(f"base of {name} refused: expected three finite numbers in metres")

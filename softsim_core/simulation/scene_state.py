@@ -26,6 +26,7 @@ from softsim_core.dynamics.static_response import StaticResponse, response_of
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
 from softsim_core.dynamics.viscous_step import ViscousStepper, relaxing_groups
+from softsim_core.errors import SceneError
 from softsim_core.fem.materials.material import von_mises
 from softsim_core.fem.recovery import stress_at_nodes
 from softsim_core.mechanics.model import Model
@@ -33,7 +34,8 @@ from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.rows import Rows
 from softsim_core.mechanics.state import State
 from softsim_core.mesh.follower import SurfaceFollower
-from softsim_core.scene.builder import build
+from softsim_core.scene.body import Body
+from softsim_core.scene.builder import BuiltScene, build
 from softsim_core.scene.contact_builder import contacts
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.sensor_builder import sensors
@@ -48,44 +50,79 @@ class SceneState:
     Args:
         scene: What to build; it begins at rest.
         backend: "numba", "scipy" or "auto"; None takes the scene's.
+        like: Another one of the same scene, or of one that differs in numbers only: what was built and
+            planned for it is used again, and its room to work in. Only one of the two may be in a call at a
+            time; neither sees anything of the other.
 
     Raises:
         SceneError, MeshError, MaterialError: the scene cannot be built.
     """
 
-    def __init__(self, scene: SceneDescription, backend: Backend | None = None) -> None:
+    def __init__(
+        self, scene: SceneDescription, backend: Backend | None = None, like: SceneState | None = None
+    ) -> None:
         self.scene = scene
-        built = build(scene)
-        self.model, self.parameters, self.bodies = built.model, built.parameters, built.bodies
+        twin = like if like is not None and like.scene is scene else None
+        shaped = () if like is None else tuple(zip(like.scene.bodies, like._built.bodies, strict=True))
+        built: BuiltScene = build(scene, shaped) if twin is None else twin._built
+        self._built: BuiltScene = built
+        self._like, self._steppers = like, list[Stepper]()
+        self.model, self.bodies = built.model, built.bodies
+        self.parameters = replace(
+            built.parameters, materials=[dict(values) for values in built.parameters.materials]
+        )
         self.rigid_bodies, self._actuators = built.rigid, built.actuators
         self._linear_solver = scene.solver.linear_solver
         self._backend = backend or scene.solver.backend
-        self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+        self._contacts: CollisionModel | None = None if twin is None else twin._contacts
+        if self._contacts is None:
+            self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+        else:
+            self._contacts = self._contacts.of_another_copy()
         self._sensors = sensors(scene, built, self._contacts)
-        self._stepper = self._stepper_of(self.model, self._contacts)
-        watched = torn_by_rough_steps(self.model.groups)
-        if watched and scene.solver.substeps > 1:
-            self._stepper = SubstepStepper(self._stepper, self._part_stepper, watched, scene.solver.substeps)
+        self._stepper = self._whole_stepper()
         self._state = self._rest_state()
         self._report = StepReport()
         self._forces = np.zeros_like(self.model.rest)
         self._rigid_forces = np.zeros((len(self.model.rigid.names), 6))
-        self._surface = SurfaceFollower(
-            [(body.surface, body.embedding, body.nodes.start) for body in self.bodies], len(self.model.rest)
+        self._surface: SurfaceFollower = (
+            _surface_of(self.bodies, self.model) if twin is None else twin._surface
         )
-        cells = [body.cells + body.nodes.start for body in self.bodies]
-        self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
+        self._mean_at_nodes: csr_array = (
+            _mean_of(self.bodies, self.model) if twin is None else twin._mean_at_nodes
+        )
         self._with_points = [group for group in self.model.filling if len(group.element.points) > 1]
         self._shown_by_points = np.unique(
             np.concatenate([np.zeros(0, np.int64), *(group.cells.ravel() for group in self._with_points)])
         )
 
+    def _whole_stepper(self) -> Stepper:
+        stepper = self._stepper_of(self.model, self._contacts)
+        watched, parts = torn_by_rough_steps(self.model.groups), self.scene.solver.substeps
+        if watched and parts > 1:
+            return SubstepStepper(stepper, self._part_stepper, watched, parts)
+        return stepper
+
+    def step_by(self, other: SceneState) -> None:
+        """Step as a simulation of the same scene does, from the next step on: between two steps only.
+
+        The state, the parameters and everything that is under way stay. `other` must not be used any more.
+
+        Raises:
+            SceneError: the scenes differ.
+        """
+        if other.scene is not self.scene:
+            raise SceneError("the other simulation is of another scene; build it of this one's")
+        self.model, self._actuators, self._contacts = other.model, other._actuators, other._contacts
+        self._stepper, self._backend = other._stepper, other._backend
+
     def _stepper_of(self, model: Model, collisions: CollisionModel | None) -> Stepper:
         euler, settings = self._euler_of(model), self.scene.solver
-        smooth = None
+        stepper: Stepper = euler
+        smooth: tuple[BossakStepper, BossakStepper] | None = None
         if settings.time_integration == "bossak":
-            smooth = BossakStepper(euler, self._euler_of, settings.spectral_radius)
-        stepper: Stepper = smooth or euler
+            stepper = free = BossakStepper(euler, self._euler_of, settings.spectral_radius)
+            smooth = free, (free if collisions is None else BossakStepper(euler, self._euler_of, 0.0))
         if collisions is not None or model.rigid.names:
             stepper = ContactStepper(euler, collisions, smooth)
         if relaxing_groups(model):
@@ -94,7 +131,16 @@ class SceneState:
 
     def _euler_of(self, model: Model) -> IteratedStepper:
         settings = self.scene.solver
-        once = make_stepper(model, self._backend, self._actuators, self._linear_solver)
+        earlier = [] if self._like is None else self._like._steppers[len(self._steppers) :]
+        once = make_stepper(
+            model,
+            self._backend,
+            self._actuators,
+            self._linear_solver,
+            earlier[0] if earlier else None,
+            None if isinstance(settings.threads, str) else settings.threads,
+        )
+        self._steppers.append(once)
         most = settings.iterations
         if settings.time_integration == "bossak" and FreeTurning(model).bodies:
             most = max(most, 2)  # linearised once, a free body gains energy as it turns
@@ -114,6 +160,17 @@ class SceneState:
                 set_body_motion(self.model, state, body, velocity, np.zeros(3))
         self._actuators.measure(self.model, state)
         return state
+
+    def keep_state_in(self, buffer: Array) -> None:
+        """Keep the state in a part (s,) of a larger array from now on; see State.buffer."""
+        state = self.model.empty_state(buffer)
+        state.copy_from(self._state)
+        self._state = state
+
+    @property
+    def state_parts(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
+        """Where each array of State lies in its buffer, and its shape."""
+        return self._state.parts()
 
     @property
     def backend(self) -> str:
@@ -150,7 +207,8 @@ class SceneState:
 
     def _sense(self, steps: int, before: State | None = None) -> None:
         """Have sensors measure after so many steps: `before` a step what is due, without one everything."""
-        seen = Seen(self.model, self._state if before is None else before, self._state, self._report)
+        start, drag = self._state if before is None else before, self.parameters.rayleigh_mass
+        seen = Seen(self.model, start, self._state, self._report, self._forces, drag)
         self._sensors.sample(steps, seen, anew=before is None)
 
     # --- joints ---
@@ -365,6 +423,16 @@ class SceneState:
             return None
         f = self.model.frame_names.index(self.scene.effector)
         return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
+
+
+def _surface_of(bodies: Sequence[Body], model: Model) -> SurfaceFollower:
+    return SurfaceFollower(
+        [(body.surface, body.embedding, body.nodes.start) for body in bodies], len(model.rest)
+    )
+
+
+def _mean_of(bodies: Sequence[Body], model: Model) -> csr_array:
+    return mean_at_nodes([body.cells + body.nodes.start for body in bodies], len(model.rest))
 
 
 def mean_at_nodes(elements: Sequence[IndexArray], count: int) -> csr_array:

@@ -25,7 +25,6 @@ from softsim_core.errors import (
     SceneError,
     SnapshotError,
     SolverDivergedError,
-    listing,
 )
 from softsim_core.fem.locking import locking_warning
 from softsim_core.linalg.solvers import linear_solver
@@ -47,6 +46,7 @@ from softsim_core.simulation.velocities import (
     set_body_motion,
     set_node_velocities,
 )
+from softsim_core.wrong_names import known_names
 
 
 class Simulation(SceneState):
@@ -55,6 +55,7 @@ class Simulation(SceneState):
     Args:
         scene: What to simulate: a robot with its scene, or a scene alone.
         backend: "numba", "scipy" or "auto"; None takes the scene's.
+        like: Another simulation to share with, see SceneState; `copies` of a batch do.
 
     Attributes:
         scene: The physics.
@@ -64,9 +65,14 @@ class Simulation(SceneState):
         SceneError, MeshError, MaterialError: the scene cannot be built.
     """
 
-    def __init__(self, scene: SceneDescription | RobotDescription, backend: Backend | None = None) -> None:
+    def __init__(
+        self,
+        scene: SceneDescription | RobotDescription,
+        backend: Backend | None = None,
+        like: Simulation | None = None,
+    ) -> None:
         self.robot = as_robot(scene)
-        super().__init__(self.robot.scene, backend)
+        super().__init__(self.robot.scene, backend, like)
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(self.robot)
         self._bases = MovableBases(self.model)
@@ -106,7 +112,7 @@ class Simulation(SceneState):
 
         Raises:
             SolverDivergedError: the step gave a non-finite or runaway state; the state stays the last good
-            one.
+                one.
         """
         started = perf_counter()
         for controller in self.robot.controllers:
@@ -185,7 +191,7 @@ class Simulation(SceneState):
 
         Raises:
             CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing is
-            changed.
+                changed.
         """
         self._drive.command(list(values))
         return self.joint_targets
@@ -320,7 +326,7 @@ class Simulation(SceneState):
     def _number(self, body: str, names: list[str]) -> int:
         """The index of a body among names."""
         if body not in names:
-            raise SceneError(f"unknown body {body!r}; known bodies: {listing(names)}")
+            raise SceneError(f"unknown body {body!r}; {known_names(body, names, 'known bodies:')}")
         return names.index(body)
 
     def set_damping(

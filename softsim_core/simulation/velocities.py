@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, listing
+from softsim_core.errors import CommandError
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import cross, rotation_of
 from softsim_core.mechanics.state import State
 from softsim_core.scene.body import Body
+from softsim_core.wrong_names import known_names
 
 ROUNDED: Final = 1e-3
 """By so much the length of a unit quaternion may differ from 1: those of messages are often of few digits."""
@@ -86,5 +87,5 @@ def number_of(kind: str, name: str, names: Sequence[str]) -> int:
         CommandError: it is not among the names.
     """
     if name not in names:
-        raise CommandError(f"unknown {kind} {name!r}; known: {listing(names)}")
+        raise CommandError(f"unknown {kind} {name!r}; {known_names(name, names)}")
     return list(names).index(name)

@@ -12,8 +12,9 @@ from softsim_core.actuation.cable.description import CableDescription
 from softsim_core.actuation.cable.layout import row_layout
 from softsim_core.actuation.cable.points_file import read_cable_points
 from softsim_core.arrays import Array
-from softsim_core.errors import SceneError
+from softsim_core.errors import SceneError, listing
 from softsim_core.mesh.placement import place
+from softsim_core.mesh.types import TetMesh
 
 
 def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables:
@@ -28,7 +29,9 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     nodes, weights, first, pull = [], [], [0], []
     descriptions: list[CableDescription] = [each.description for each in placed]
     for each, cable in zip(placed, descriptions, strict=True):
-        bound = surroundings.bind(f"cable {each.name}", cable.body, cable_points(cable))
+        bound = surroundings.bind(
+            f"cable {each.name}", cable.body, cable_points(cable, surroundings.meshes[cable.body])
+        )
         if cable.pull_point is not None:
             on = -1 if cable.pull_on is None else surroundings.joint(cable.pull_on)
             local: Array = np.array(cable.pull_point, dtype=float)
@@ -65,11 +68,39 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     return result
 
 
-def cable_points(cable: CableDescription) -> Array:
-    """Points of a cable in the world in [m], shape (k, 3), at the start of the scene."""
+def cable_points(cable: CableDescription, mesh: TetMesh | None = None) -> Array:
+    """Points of a cable in the world in [m], shape (k, 3), at the start of the scene.
+
+    Args:
+        cable: The cable.
+        mesh: That of its body, for a cable that names a group of it.
+
+    Raises:
+        SceneError: the mesh has no such group.
+        ConfigError: a file of points cannot be read.
+    """
+    if cable.group is not None:
+        groups = {} if mesh is None else mesh.groups
+        if mesh is None or cable.group not in groups:
+            raise SceneError(
+                f"cable: the mesh of body {cable.body} has no group {cable.group!r}; its groups are "
+                f"{listing(groups)}"
+            )
+        return _chained(mesh.points[groups[cable.group]], np.array(cable.pull_point, dtype=float))
     points = cable.points
     read = np.array(points, dtype=float) if isinstance(points, tuple) else read_cable_points(points)
     return place(read.reshape(-1, 3), cable.placement)
+
+
+def _chained(points: Array, start: Array) -> Array:
+    """Points (k, 3), each the nearest to the one before among those that are left; the first to `start`."""
+    left, here, chain = points, start, []
+    while len(left):
+        nearest = int(np.argmin(np.linalg.norm(left - here, axis=1)))
+        here = left[nearest]
+        chain.append(here)
+        left = np.delete(left, nearest, axis=0)
+    return np.array(chain)
 
 
 CABLE = ActuatorKind("cable", CableDescription, build_cables)

@@ -50,9 +50,10 @@ class _Entries(NamedTuple):
 
 
 class _Turning(NamedTuple):
-    """The place of a joint and a stiffness about it."""
+    """A stiffness against a joint, or against the sum or the difference of two: their places and signs."""
 
-    place: int
+    places: list[int]
+    signs: list[float]
     weight: float
 
 
@@ -175,7 +176,7 @@ class Cables:
         """Two rows across each segment under tension, and what turns pull points with their joints.
 
         A segment of length l under tension t resists turning with the stiffness t / l across itself. A pull
-        point p on a revolute joint of angle q adds -t H d2p/dq2 to the joint.
+        point p on revolute joints of angles q adds -t H d2p/dq2 to them.
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
@@ -184,8 +185,9 @@ class Cables:
         taut = np.flatnonzero(tension * length)
         turning = self._turning(model, state, points, multipliers)
         entries = list(self._across(model, state, points, taut, unit[taut]))
-        for r, (place, _) in enumerate(turning, start=2 * len(taut)):
-            entries.append(_Entries(np.array([r]), np.array([place]), np.array([[1.0, 0.0, 0.0]])))
+        for r, each in enumerate(turning, start=2 * len(taut)):
+            coefficients = np.outer(each.signs, [1.0, 0.0, 0.0])
+            entries.append(_Entries(np.full(len(each.places), r), np.array(each.places), coefficients))
         row, places, coefficient = (np.concatenate(each) for each in zip(*entries, strict=True))
         order = np.argsort(row, kind="stable")
         start = np.searchsorted(row[order], np.arange(2 * len(taut) + len(turning) + 1))
@@ -216,19 +218,23 @@ class Cables:
                 yield _Entries(both[segment], np.full(2, unknown), coefficient)
 
     def _turning(self, model: Model, state: State, points: Array, multipliers: Array) -> list[_Turning]:
-        """Joints that turn pull points, and -t H d2p/dq2."""
+        """-t H d2p/dq2 of the joints that turn pull points, the outer one turning what the inner one does."""
         result: list[_Turning] = []
-        if not len(self.layout.levers):
+        layout = self.layout
+        if not len(layout.levers):
             return result
-        pulls, motion_subspace = self.pulls(points), model.motion_subspace(state)
-        for unknown, point in zip(self.layout.lever_unknowns, self.layout.lever_points, strict=True):
-            axis = motion_subspace.angular[unknown]
-            if axis.any():
-                away = np.cross(axis, np.cross(axis, points[point] - motion_subspace.origin[unknown]))
-                tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
-                result.append(
-                    _Turning(len(model.rest) + int(unknown), -float(tension * (pulls[point] @ away)))
-                )
+        pulls, angular = self.pulls(points), model.motion_subspace(state).angular
+        moved, count = self._moved(model, state, points), len(model.rest)
+        for m, (inner, point) in enumerate(zip(layout.lever_unknowns, layout.lever_points, strict=True)):
+            tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
+            for outer in layout.lever_unknowns[: m + 1][layout.lever_points[: m + 1] == point]:
+                weight = -float(tension * (pulls[point] @ np.cross(angular[outer], moved[m])))
+                places = [count + int(outer), count + int(inner)]
+                if outer == inner:
+                    result.append(_Turning(places[:1], [1.0], weight))
+                else:  # a b + b a = ((a + b)^2 - (a - b)^2) / 2
+                    result.append(_Turning(places, [1.0, 1.0], 0.5 * weight))
+                    result.append(_Turning(places, [1.0, -1.0], -0.5 * weight))
         return [each for each in result if each.weight != 0.0]
 
     def surfaces(self) -> list[IndexArray]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.errors import SceneError
 from softsim_core.units import FORCE, SHORTENING, JointUnits
-from softsim_core.values import FieldError, Placement, Vector, need_finite, need_positive
+from softsim_core.values import POINT, FieldError, Placement, Vector, need_finite, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,9 @@ class CableDescription(ActuatorDescription):
         body: Name of the deformable body that carries the points.
         points: Points in the frame of `placement`, from the pulled end to the anchored one; at least two, or
             one beside a pull point. Or a file that lists them (JSON or YAML).
-        placement: Where that frame sits (scale converts file units to [m]).
+        group: Instead of points, a group of the mesh's file by name (a physical group of Gmsh): its nodes,
+            from the one nearest to the pull point on, each time the nearest of those that are left.
+        placement: Where the frame of `points` sits (scale converts file units to [m]).
         pull_point: Point in world coordinates in [m] where the cable leaves the robot; None: the first of
             `points` plays that part.
         pull_on: None: the pull point is fixed in space. A joint name: it moves with that joint.
@@ -36,9 +38,10 @@ class CableDescription(ActuatorDescription):
 
     kind: ClassVar[str] = "cable"
     body: str
-    points: tuple[Vector, ...] | Path
+    points: tuple[Vector, ...] | Path = ()
+    group: str | None = None
     placement: Placement = Placement()
-    pull_point: Vector | None = None
+    pull_point: Vector | None = field(default=None, metadata=POINT)
     pull_on: str | None = None
     control: Literal["displacement", "force"] = "displacement"
     pull_only: bool = True
@@ -46,7 +49,12 @@ class CableDescription(ActuatorDescription):
     rest_length: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.points, Path):
+        if self.group is not None:
+            if self.points != ():
+                raise SceneError("cable: give points or a group, not both; remove one of them")
+            if self.pull_point is None:
+                raise SceneError("cable: a group has no first point; give a pull_point")
+        elif not isinstance(self.points, Path):
             least = 2 if self.pull_point is None else 1
             if len(self.points) < least:
                 raise FieldError("cable", "points", len(self.points), f"at least {least} points")
@@ -78,3 +86,8 @@ class CableDescription(ActuatorDescription):
     def carriers(self) -> dict[str, str | None]:
         """See ActuatorDescription."""
         return {"pull_on": self.pull_on}
+
+    def carried_by(self, joint: str) -> CableDescription:
+        """See ActuatorDescription."""
+        stands = self.pull_point is not None and self.pull_on is None
+        return replace(self, pull_on=joint) if stands else self

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from softsim_core.actuation.building import ActuatorDescription
 from softsim_core.errors import SceneError
 from softsim_core.units import PRESSURE, VOLUME, JointUnits
-from softsim_core.values import FieldError, Vector, need_finite, need_positive
+from softsim_core.values import POINT, FieldError, Vector, need_finite, need_positive
 
 ATMOSPHERE = 101_325.0
 """Pressure of the air around in [Pa], against vacuum: the standard atmosphere."""
@@ -50,7 +50,7 @@ class ChamberDescription(ActuatorDescription):
 
     kind: ClassVar[str] = "chamber"
     body: str
-    inside: Vector | None = None
+    inside: Vector | None = field(default=None, metadata=POINT)
     surface: str | None = None
     control: Literal["pressure", "volume"] = "pressure"
     max_pressure: float = math.inf

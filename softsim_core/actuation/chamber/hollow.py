@@ -41,13 +41,23 @@ def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundin
     mesh = surroundings.meshes[described.body]
     if described.surface is not None:
         return _of_surface(name, described.surface, described.body, surroundings)
+    faces = closed_hollow(name, described, mesh)
+    return Hollow(faces, np.zeros((0, faces.shape[1], 3)))
+
+
+def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> IndexArray:
+    """Faces of a chamber that its body's mesh closes all around, shape (k, 3) or (k, 6).
+
+    Raises:
+        SceneError: there is none, or none around the chamber's place.
+    """
     found = cavities(mesh)
     if not found:
         raise SceneError(
             f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
             "closes all around, or a named `surface` that ends at the world"
         )
-    return Hollow(_chosen(name, described, mesh, found), np.zeros((0, found[0].shape[1], 3)))
+    return _chosen(name, described, mesh, found)
 
 
 def _chosen(name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]) -> IndexArray:

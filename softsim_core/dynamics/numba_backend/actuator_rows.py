@@ -11,11 +11,9 @@ from softsim_core.actuation.compiled.kinds import CompiledKinds, fill, measure
 from softsim_core.arrays import Array
 from softsim_core.dynamics.numba_backend.bounded import bounded_forces
 from softsim_core.dynamics.numba_backend.compile import kernel
-from softsim_core.dynamics.numba_backend.kinematics import joint_frame
 from softsim_core.dynamics.numba_backend.layout import (
     ActuatorRows,
     ActuatorStiffness,
-    Kinematics,
     Motion,
     Nodes,
     Work,
@@ -24,18 +22,15 @@ from softsim_core.linalg.layout import Tree
 
 
 @kernel
-def measure_rows(motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds) -> None:
-    """Coordinates of the compiled kinds into rows.value."""
-    for j in range(len(rows.origins)):
-        joint_frame(j, motion, kinematics, rows.origins[j], rows.rotations[j])
-    measure(motion.positions, rows.origins, rows.rotations, kinds, rows.value)
+def measure_rows(motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
+    """Coordinates of the compiled kinds into rows.value; the frames of the joints have to be in `work`."""
+    measure(motion.positions, work.joint_origins, work.joint_rotations, kinds, rows.value)
 
 
 @kernel
 def add_rows(
-    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds, nodes: Nodes,
-    tree: Tree, work: Work,
-) -> None:  # fmt: skip
+    h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, nodes: Nodes, tree: Tree, work: Work
+) -> None:
     """Rows of actuators into their columns of panels and reduced; into rows.violation where s drifts.
 
     That is the coordinate after h at the present velocities. The motion subspace of the reduced
@@ -44,7 +39,7 @@ def add_rows(
     count = len(rows.joint)
     if count == 0:
         return
-    measure_rows(motion, kinematics, rows, kinds)
+    measure_rows(motion, rows, kinds, work)
     fill(work.angular, work.linear, work.origin, kinds, rows.coefficient)
     size, last = len(motion.reduced_velocities), len(motion.positions)
     for c in range(count):
@@ -194,24 +189,20 @@ def hold_rows(
 
 
 @kernel
-def report_rows(
-    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds
-) -> None:
+def report_rows(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
     """Multipliers as joint efforts, coordinates of the compiled kinds and their rates as those of joints."""
     if len(rows.joint) == 0:
         return
     for c in range(len(rows.joint)):
         motion.joint_efforts[rows.joint[c]] = rows.multiplier[c]
         rows.before[c] = rows.value[c]
-    report_values(h, motion, kinematics, rows, kinds)
+    report_values(h, motion, rows, kinds, work)
 
 
 @kernel
-def report_values(
-    h: float, motion: Motion, kinematics: Kinematics, rows: ActuatorRows, kinds: CompiledKinds
-) -> None:
+def report_values(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
     """Coordinates of the compiled kinds, and their rates since rows.before, as those of their joints."""
-    measure_rows(motion, kinematics, rows, kinds)
+    measure_rows(motion, rows, kinds, work)
     first = len(motion.reduced_velocities) - len(motion.joint_positions)
     for c in range(rows.compiled[0]):
         motion.joint_positions[rows.joint[c]] = rows.value[c]
@@ -220,16 +211,11 @@ def report_values(
 
 @kernel
 def report_impulses(
-    h: float,
-    impulses: Array,
-    motion: Motion,
-    kinematics: Kinematics,
-    rows: ActuatorRows,
-    kinds: CompiledKinds,
+    h: float, impulses: Array, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work
 ) -> None:
     """As report_rows, after impulses have come on top; `impulses` (c,) holds minus them."""
     if len(rows.joint) == 0:
         return
     for c in range(len(rows.joint)):
         motion.joint_efforts[rows.joint[c]] = rows.multiplier[c] - impulses[c] / h
-    report_values(h, motion, kinematics, rows, kinds)
+    report_values(h, motion, rows, kinds, work)

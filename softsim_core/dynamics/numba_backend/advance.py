@@ -57,7 +57,7 @@ def assemble(
             work.ahead[n, i] = x[n, i] + lag * straining[n, i]
     assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
     assemble_nodes(v, h, rayleigh_mass, nodes, work)
-    add_rows(h, motion, kinematics, rows, kinds, nodes, tree, work)
+    add_rows(h, motion, rows, kinds, nodes, tree, work)
     add_stiffness(stiffness, straining, motion.reduced_velocities, nodes, tree, work)
 
 
@@ -114,7 +114,7 @@ def finish(
         else:
             motion.joint_efforts[j] = kinematics.stiffness[j] * (targets[j] - motion.joint_positions[j])
     place_regions(motion, kinematics, nodes, work)
-    report_rows(h, motion, kinematics, rows, kinds)
+    report_rows(h, motion, rows, kinds, work)
     return speed if finite else np.nan
 
 

@@ -129,7 +129,7 @@ def count_folded(x: Array, cells: CellBatches) -> int:
 
 @kernel
 def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> float:
-    """See fem.assembly.strain_change."""
+    """See fem.cells.strain_change."""
     nodes, gradients = cells.nodes, cells.gradients
     batches, a, _ = nodes.shape
     pitch = len(gradients) // (batches * a)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from softsim_core.dynamics.numba_backend.elements import assemble_free, assemble
 from softsim_core.dynamics.numba_backend.layout import Cells, Elements, Nodes, Work
 from softsim_core.dynamics.numba_backend.paired import PairedCells
 from softsim_core.dynamics.numba_backend.scatter import node_pairs, scatter
-from softsim_core.fem.assembly import cell_von_mises
+from softsim_core.fem.cells import cell_von_mises
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, empty_group
 from softsim_core.fem.materials import material
@@ -91,8 +92,22 @@ class PlannedCells:
             surfaces,
             () if model.coupling is None else model.coupling.cells,
         )
+        self.arrays = self._arrays()
+
+    def _arrays(self) -> Cells:
         polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
-        self.arrays = Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
+        return Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
+
+    def of_another_copy(self) -> PlannedCells:
+        """The same cells for parameters of their own; the room to work in is this one's."""
+        other = copy(self)
+        other._kernels = [
+            (group, elements._replace(lame=np.zeros_like(elements.lame)), polar)
+            for group, elements, polar in self._kernels
+        ]
+        other.paired = self.paired.of_another_copy()
+        other.arrays = other._arrays()
+        return other
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Take over the parameters of each body's law by name."""

@@ -135,5 +135,5 @@ def apply_impulses(
         if kinematics.stiffness[j] == 0.0:
             motion.joint_positions[j] = turning[j]  # where it was sent, exactly
     place_regions(motion, kinematics, nodes, work)
-    report_impulses(h, reduced_change[size:], motion, kinematics, rows, kinds)
+    report_impulses(h, reduced_change[size:], motion, rows, kinds, work)
     return speed if finite else np.nan

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from softsim_core.dynamics.numba_backend.layout import Work
 from softsim_core.dynamics.numba_backend.prepare import Prepared
 from softsim_core.dynamics.numba_backend.responses import Responses
+from softsim_core.linalg.layout import Tree
 
 
 class Elimination(Protocol):
@@ -39,3 +41,15 @@ class Elimination(Protocol):
             FactorisationError: the step needs a factor; nothing has moved.
         """
         ...
+
+
+def assembling(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Of the arguments of `advance.advance` those of `advance.assemble`."""
+    motion, straining, external, *_ = arguments
+    return motion, straining, external, *arguments[7:18]
+
+
+def finishing(arguments: tuple[Any, ...], tree: Tree, work: Work) -> tuple[Any, ...]:
+    """Of the arguments of `advance.advance` those of `advance.finish`, with that tree and room."""
+    motion, kinematics, nodes, rows, kinds = (arguments[i] for i in (0, 10, 12, 13, 14))
+    return motion, *arguments[3:9], kinematics, tree, nodes, rows, kinds, work

@@ -21,6 +21,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.advance import assemble, finish
 from softsim_core.dynamics.numba_backend.cells import deforming
 from softsim_core.dynamics.numba_backend.compliance import spread_rows
+from softsim_core.dynamics.numba_backend.elimination import assembling, finishing
 from softsim_core.dynamics.numba_backend.inversion import count_inverted
 from softsim_core.dynamics.numba_backend.layout import Motion
 from softsim_core.dynamics.numba_backend.node_rotations import surroundings, turn
@@ -28,16 +29,15 @@ from softsim_core.dynamics.numba_backend.prepare import Prepared
 from softsim_core.dynamics.numba_backend.responses import Responses
 from softsim_core.errors import FactorisationError
 from softsim_core.kernels import OneSignature
-from softsim_core.linalg.cholesky import factor, forward_rows
-from softsim_core.linalg.conjugate import (
-    Preconditioner,
-    conjugate_gradients,
-    copy_matrix,
-    matrix_of,
-    reach,
-)
+from softsim_core.linalg.cholesky import forward_rows
+from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix, reach, support_gradients
+from softsim_core.linalg.crew import Teamwork
+from softsim_core.linalg.divided_factor import lead_factor, room_for, support_factor
+from softsim_core.linalg.divided_solve import sharing_of
+from softsim_core.linalg.division import Division
 from softsim_core.linalg.layout import Factor, Tree, empty_factor, tree_of
 from softsim_core.linalg.matrix_layout import matrix_layout
+from softsim_core.linalg.products import Preconditioner, matrix_of
 from softsim_core.linalg.simd import LANES, ROWS
 from softsim_core.linalg.symbolic import Plan
 from softsim_core.mechanics.model import Model
@@ -75,12 +75,21 @@ class IterativeElimination:
         prepared: The arrays of a step that is assembled in a `matrix_layout`.
         matrix: That layout.
         preconditioner: Of a factor of the free nodes' matrix.
+        division: What of it threads do side by side.
+        threads: How many.
     """
 
     stages = ("assemble", "iterate", "solve")
 
     def __init__(
-        self, model: Model, actuators: Actuators, prepared: Prepared, matrix: Plan, preconditioner: Plan
+        self,
+        model: Model,
+        actuators: Actuators,
+        prepared: Prepared,
+        matrix: Plan,
+        preconditioner: Plan,
+        division: Division,
+        threads: int,
     ) -> None:
         self.model, self.prepared, self.plan = model, prepared, preconditioner
         self.count, work = len(self.plan.position), prepared.work
@@ -100,10 +109,12 @@ class IterativeElimination:
             np.zeros(int(self.plan.width.max(initial=0)) + ROWS, np.float32),
         )
         self._supernode = self.plan.supernode[np.argsort(self.plan.position)]  # by unknown
-        self._room = np.zeros((4, 3 * self.count))
+        self._sharing = sharing_of(division, 3 * self.count)
         self.responses: Responses = IterativeResponses(model, actuators, self)
         self._assemble, self._finish = OneSignature(assemble), OneSignature(finish)
-        self._turn, self._solve = OneSignature(turn), OneSignature(conjugate_gradients)
+        self._turn = OneSignature(turn)
+        self._solve = Teamwork(threads, conjugate_gradients, support_gradients)
+        self._threads = threads
         self._forward = OneSignature(forward_rows)
         self.iterations = 0
 
@@ -113,7 +124,9 @@ class IterativeElimination:
         for kind in (np.float32, np.float64):  # the second where rounding took the first a pivot
             store = empty_factor(self.plan, 0, kind)
             copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)
-            factor(self.by.tree, store)
+            room = room_for(self.by.tree, self._sharing.division, kind)
+            factor = Teamwork(self._threads, lead_factor, support_factor)
+            factor(self.by.tree, store, self._sharing.division, room)
             self.by = self.by._replace(panels=store.panels.astype(np.float32, copy=False))
             if np.isfinite(self.by.panels.sum(dtype=np.float64)):
                 return
@@ -124,24 +137,15 @@ class IterativeElimination:
         Raises:
             FactorisationError: nothing has moved.
         """
-        (
-            motion, straining, external, targets, base_shift, lower, upper, h, lag, rayleigh_mass, kinematics,
-            cells, nodes, rows, kinds, stiffness, tree, work, corners,
-        ) = arguments  # fmt: skip
+        positions, corners = arguments[0].positions, arguments[-1]
         started = perf_counter()
-        self._assemble(
-            motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds,
-            stiffness, tree, work,
-        )  # fmt: skip
+        self._assemble(*assembling(arguments))
         assembled = perf_counter()
-        self._turn(motion.positions, self._around, self.by.rotations)
-        self._eliminate(TOLERANCE / h)
+        self._turn(positions, self._around, self.by.rotations)
+        self._eliminate(TOLERANCE / self.model.dt)
         iterated = perf_counter()
-        speed = self._finish(
-            motion, targets, base_shift, lower, upper, h, lag, kinematics, self.answer.tree, nodes, rows,
-            kinds, self.answering.work,
-        )  # fmt: skip
-        inverted = count_inverted(motion.positions, corners)
+        speed = self._finish(*finishing(arguments, self.answer.tree, self.answering.work))
+        inverted = count_inverted(positions, corners)
         return speed, inverted, assembled - started, iterated - assembled, perf_counter() - iterated
 
     def _eliminate(self, tolerance: float) -> None:
@@ -164,7 +168,7 @@ class IterativeElimination:
         """
         result = np.empty_like(right)
         count = self._solve(
-            self.matrix, self.by, right, result, tolerance, share, MOST_ITERATIONS, self._room
+            self.matrix, self.by, self._sharing, right, result, tolerance, share, MOST_ITERATIONS
         )
         if count < 0:
             raise FactorisationError("conjugate gradients did not reach the tolerance")

@@ -35,22 +35,57 @@ def slides(b: int, motion: Motion, kinematics: Kinematics) -> bool:
 
 
 @kernel
-def carried(j: int, c: int, motion: Motion, kinematics: Kinematics) -> float:
-    """Coordinate c of how far the joints that carry joint j have moved its base."""
-    shift, a = 0.0, kinematics.parent[j]
-    while a >= 0:
-        moved = motion.joint_positions[a] - kinematics.rest[a]
-        for d in range(3):
-            shift += moved * kinematics.base_rotation[a, c, d] * kinematics.axis[a, d]
-        a = kinematics.parent[a]
-    return shift
+def joint_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
+    """Frames of all bases, and those that the joints move, into work.base_* and work.joint_*.
+
+    Where a joint carries a base, what is about its own base is taken along as that joint moved from its rest.
+    """
+    base_rotation, axis, slide = kinematics.base_rotation, kinematics.axis, kinematics.slide
+    turn, away = np.empty((3, 3)), np.empty(3)
+    for j in range(len(axis)):
+        origin, rotation, a = work.base_origins[j], work.base_rotations[j], kinematics.parent[j]
+        for c in range(3):
+            origin[c] = motion.base_positions[j, c]
+            for d in range(3):
+                origin[c] += base_rotation[j, c, d] * motion.base_shift[0] * slide[j, d]
+                rotation[c, d] = base_rotation[j, c, d]
+        if a >= 0:
+            moved = 0.0 if kinematics.revolute[a] else kinematics.rest[a]
+            for c in range(3):
+                away[c] = origin[c] - motion.base_positions[a, c]
+                for d in range(3):
+                    along = motion.base_shift[0] * slide[a, d] + moved * axis[a, d]
+                    away[c] -= base_rotation[a, c, d] * along
+            for c in range(3):
+                for d in range(3):
+                    turn[c, d] = 0.0
+                    for e in range(3):
+                        turn[c, d] += work.joint_rotations[a, c, e] * kinematics.rest_rotation[a, d, e]
+            for c in range(3):
+                origin[c] = work.joint_origins[a, c]
+                for d in range(3):
+                    origin[c] += turn[c, d] * away[d]
+                    rotation[c, d] = 0.0
+                    for e in range(3):
+                        rotation[c, d] += turn[c, e] * base_rotation[j, e, d]
+        q = motion.joint_positions[j]
+        angle = q if kinematics.revolute[j] else 0.0
+        exponential(angle * axis[j, 0], angle * axis[j, 1], angle * axis[j, 2], turn)
+        for c in range(3):
+            work.joint_origins[j, c] = origin[c]
+            for d in range(3):
+                work.joint_origins[j, c] += rotation[c, d] * (q - angle) * axis[j, d]
+                work.joint_rotations[j, c, d] = 0.0
+                for e in range(3):
+                    work.joint_rotations[j, c, d] += rotation[c, e] * turn[e, d]
 
 
 @kernel
 def motion_subspace(motion: Motion, kinematics: Kinematics, work: Work) -> None:
-    """Screw of each reduced coordinate, into work.angular, linear, origin."""
-    base_rotation, axis, slide = kinematics.base_rotation, kinematics.axis, kinematics.slide
+    """Motion subspace of the reduced coordinates into work.angular, linear, origin; as `joint_frames`."""
+    axis = kinematics.axis
     angular, linear, origin = work.angular, work.linear, work.origin
+    joint_frames(motion, kinematics, work)
     frames = len(motion.frame_positions)
     for f in range(frames):
         for i in range(6):
@@ -60,16 +95,12 @@ def motion_subspace(motion: Motion, kinematics: Kinematics, work: Work) -> None:
                 linear[k, c] = 1.0 if i == c else 0.0
                 origin[k, c] = motion.frame_positions[f, c]
     for j in range(len(axis)):
-        k = 6 * frames + j
+        k, rotation = 6 * frames + j, work.base_rotations[j]
         for c in range(3):
-            along = base_rotation[j, c, 0] * axis[j, 0] + base_rotation[j, c, 1] * axis[j, 1]
-            along += base_rotation[j, c, 2] * axis[j, 2]
-            away = base_rotation[j, c, 0] * slide[j, 0] + base_rotation[j, c, 1] * slide[j, 1]
-            away += base_rotation[j, c, 2] * slide[j, 2]
+            along = rotation[c, 0] * axis[j, 0] + rotation[c, 1] * axis[j, 1] + rotation[c, 2] * axis[j, 2]
             angular[k, c] = along if kinematics.revolute[j] else 0.0
             linear[k, c] = 0.0 if kinematics.revolute[j] else along
-            origin[k, c] = motion.base_positions[j, c] + motion.base_shift[0] * away
-            origin[k, c] += carried(j, c, motion, kinematics)
+            origin[k, c] = work.base_origins[j, c]
 
 
 @kernel
@@ -93,26 +124,9 @@ def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
 
 
 @kernel
-def joint_frame(j: int, motion: Motion, kinematics: Kinematics, origin: Array, rotation: Array) -> None:
-    """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
-    base_rotation, axis, q = kinematics.base_rotation, kinematics.axis, motion.joint_positions[j]
-    turn, angle = np.empty((3, 3)), q if kinematics.revolute[j] else 0.0
-    exponential(angle * axis[j, 0], angle * axis[j, 1], angle * axis[j, 2], turn)
-    for c in range(3):
-        origin[c] = motion.base_positions[j, c] + carried(j, c, motion, kinematics)
-        for d in range(3):
-            shift = motion.base_shift[0] * kinematics.slide[j, d] + (q - angle) * axis[j, d]
-            origin[c] += base_rotation[j, c, d] * shift
-            rotation[c, d] = (
-                base_rotation[j, c, 0] * turn[0, d]
-                + base_rotation[j, c, 1] * turn[1, d]
-                + base_rotation[j, c, 2] * turn[2, d]
-            )
-
-
-@kernel
 def region_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
     """Origin and rotation of the frame that each region follows, into region_origins, region_rotations."""
+    joint_frames(motion, kinematics, work)
     for region in range(len(kinematics.regions)):
         f, origin, rotation = (
             kinematics.regions[region, 0],
@@ -120,7 +134,8 @@ def region_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
             work.region_rotations[region],
         )
         if f < 0:
-            joint_frame(kinematics.regions[region, 1], motion, kinematics, origin, rotation)
+            origin[:] = work.joint_origins[kinematics.regions[region, 1]]
+            rotation[:] = work.joint_rotations[kinematics.regions[region, 1]]
             continue
         for c in range(3):
             origin[c] = motion.frame_positions[f, c]

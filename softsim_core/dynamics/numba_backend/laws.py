@@ -22,7 +22,7 @@ from softsim_core.dynamics.numba_backend.power_rubber import (
     remember_powers,
 )
 from softsim_core.dynamics.numba_backend.rubber import fill_rubber, remember_rubber, rubber_moduli
-from softsim_core.fem.assembly import mean_volume_law, split_bulk
+from softsim_core.fem.cells import mean_volume_law, split_bulk
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.materials.corotational import Corotational
 from softsim_core.fem.materials.first_invariant import SeriesRubber
@@ -75,6 +75,11 @@ def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> 
     moduli = aligned((batches * (2 + compiled.size), LANES))
     room = room_for(group.cells.shape[1], count)
     return PointCells(cells, weights.reshape(-1, LANES), moduli, memory, room)
+
+
+def own_values(cells: PointCells) -> PointCells:
+    """The same cells, to be given other values of their law."""
+    return cells._replace(moduli=aligned(cells.moduli.shape))
 
 
 def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = False) -> None:

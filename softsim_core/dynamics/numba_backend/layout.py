@@ -123,6 +123,7 @@ class Kinematics(NamedTuple):
         inertia: Drive inertia in [kg m^2] or [kg], shape (j,).
         parent: Joint that carries the base, or -1, shape (j,).
         rest: Position at the start in [rad] or [m], shape (j,).
+        rest_rotation: Frame that the joint moves at `rest`, its parent at rest, shape (j, 3, 3).
         regions: Free frame and joint of each region, -1 for none, shape (regions, 2).
     """
 
@@ -134,6 +135,7 @@ class Kinematics(NamedTuple):
     inertia: Array
     parent: IndexArray
     rest: Array
+    rest_rotation: Array
     regions: IndexArray
 
 
@@ -150,7 +152,6 @@ class ActuatorRows(NamedTuple):
         violation: s - q + c t at the end of the step, shape (c,).
         multiplier: Multipliers t, shape (c,).
         response: What the multipliers do to the coordinates within a step, shape (c, c).
-        origins, rotations: Frames that the joints move, shapes (j, 3), (j, 3, 3).
     """
 
     joint: IndexArray
@@ -164,8 +165,6 @@ class ActuatorRows(NamedTuple):
     violation: Array
     multiplier: Array
     response: Array
-    origins: Array
-    rotations: Array
 
 
 class ActuatorStiffness(NamedTuple):
@@ -207,6 +206,8 @@ class Work(NamedTuple):
         ahead: x + lag v in [m], shape (n, 3).
         jacobian: Velocity of each region node a unit of each of its reduced coordinates, shape (z, w, 3).
         angular, linear, origin: Motion subspace of the reduced coordinates, shape (b, 3) each.
+        base_origins, base_rotations: Frames of the joints' bases, shapes (j, 3), (j, 3, 3).
+        joint_origins, joint_rotations: Frames that the joints move, shapes (j, 3), (j, 3, 3).
         region_origins, region_rotations: Frames of the regions, shapes (regions, 3), (regions, 3, 3).
         deformation, rotations: Of one batch, shapes (9, LANES).
         blocks: Stiffness of one batch in [N/m], row i of block ab in row 3 (ab) + i: pairs of nodes a <= b
@@ -221,6 +222,10 @@ class Work(NamedTuple):
     angular: Array
     linear: Array
     origin: Array
+    base_origins: Array
+    base_rotations: Array
+    joint_origins: Array
+    joint_rotations: Array
     region_origins: Array
     region_rotations: Array
     deformation: Array

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.batches import cell_batches, count_folded
-from softsim_core.dynamics.numba_backend.laws import compiled_law, point_cells, tune
+from softsim_core.dynamics.numba_backend.laws import compiled_law, own_values, point_cells, tune
 from softsim_core.dynamics.numba_backend.layout import Nodes
 from softsim_core.dynamics.numba_backend.point_cells import Given, Into, PointCells
 from softsim_core.dynamics.numba_backend.pressing import PressedFaces, press_faces
-from softsim_core.dynamics.numba_backend.rod_cells import fill_rods, rod_cells, tune_rods
+from softsim_core.dynamics.numba_backend.rod_cells import fill_rods, own_rods, rod_cells, tune_rods
 from softsim_core.dynamics.numba_backend.scatter import (
     add_all_blocks,
     cell_places,
@@ -20,7 +21,7 @@ from softsim_core.dynamics.numba_backend.scatter import (
     in_elimination_order,
 )
 from softsim_core.dynamics.numba_backend.strain_cells import fill_strain, strain_cells, tune_strain
-from softsim_core.fem.assembly import cell_forces, cell_stiffness, mean_volume_law
+from softsim_core.fem.cells import cell_forces, cell_stiffness, mean_volume_law
 from softsim_core.fem.group import ElementGroup
 from softsim_core.fem.prony import held_stiffness
 from softsim_core.kernels import OneSignature
@@ -89,6 +90,16 @@ class PairedCells:
         self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
+    def of_another_copy(self) -> PairedCells:
+        """The same cells for parameters of their own; the room to work in is this one's."""
+        other = copy(self)
+        other._points = [None if each is None else own_values(each) for each in self._points]
+        other._strain = [
+            None if each is None else each._replace(moduli=each.moduli.copy()) for each in self._strain
+        ]
+        other._rods = [None if each is None else own_rods(each) for each in self._rods]
+        return other
+
     def __bool__(self) -> bool:
         return bool(self._groups or self._surfaces or self._coupled)
 
@@ -122,11 +133,11 @@ class PairedCells:
         Args:
             state: Positions.
             materials: Parameters of each body's law by name.
-            positive: See fem.assembly.cell_stiffness.
+            positive: See fem.cells.cell_stiffness.
             scale: What the stiffness is multiplied by.
             lag: In [s].
             straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
-            moved: See fem.assembly.cell_stiffness.
+            moved: See fem.cells.cell_stiffness.
             mean_share: See there.
         """
         x, kept = state.positions, self.pairs.blocks

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import IndexArray
-from softsim_core.dynamics.numba_backend.direct import DirectElimination
+from softsim_core.dynamics.numba_backend.direct import DirectElimination, DividedElimination
 from softsim_core.dynamics.numba_backend.elimination import Elimination
 from softsim_core.dynamics.numba_backend.iterative import IterativeElimination
 from softsim_core.dynamics.numba_backend.prepare import prepare
+from softsim_core.linalg.division import Division, divided, with_room_for
 from softsim_core.linalg.elimination import factor_cost, graph_of
 from softsim_core.linalg.matrix_layout import matrix_layout
 from softsim_core.linalg.ordering import LARGE, elimination_order
@@ -22,9 +23,16 @@ Measured with some 40 Gflop/s, 10 GB/s and eight iterations per step.
 """
 
 
-def planned_elimination(model: Model, actuators: Actuators, iterative: bool | None) -> Elimination:
+def planned_elimination(
+    model: Model, actuators: Actuators, iterative: bool | None, threads: int
+) -> Elimination:
     """A factor or iteration for a model; `iterative` None: what is faster."""
     iterations: list[tuple[Plan, Plan]] = []
+    divisions: list[Division] = []
+
+    def shared(layout: Plan) -> Plan:
+        divisions.append(divided(layout))
+        return with_room_for(layout, divisions[0], ROWS) if len(divisions[0].above) else layout
 
     def lay_out(count: int, edges: IndexArray, beside: IndexArray, reduced_size: int) -> Plan:
         graph = graph_of(count, edges)
@@ -34,13 +42,18 @@ def planned_elimination(model: Model, actuators: Actuators, iterative: bool | No
             flops, numbers = factor_cost(graph, order) if count > LARGE else (0.0, 0.0)
             chosen = flops > CROSSING * numbers * (reduced_size + 1)  # one solution for each of these
         if not chosen:
-            return plan(count, edges, beside, reduced_size, LANES, ROWS, order)
-        preconditioner = plan(count, edges, edges[:0], 0, LANES, ROWS, order)
+            return shared(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
+        preconditioner = shared(plan(count, edges, edges[:0], 0, LANES, ROWS, order))
         matrix = matrix_layout(preconditioner.position, edges, beside, reduced_size, LANES)
         iterations.append((matrix, preconditioner))
         return matrix
 
     prepared = prepare(model, actuators, lay_out)
+    division = divisions[0]
+    if not len(division.above):
+        threads = 1
     if iterations:
-        return IterativeElimination(model, actuators, prepared, *iterations[0])
+        return IterativeElimination(model, actuators, prepared, *iterations[0], division, threads)
+    if len(division.above):
+        return DividedElimination(model, actuators, prepared, division, threads)
     return DirectElimination(model, actuators, prepared)

@@ -1,6 +1,6 @@
 """Compiled cells of any law whose stress and tangent at a point have vector code, in any element.
 
-The formulas are those of fem.assembly. With stress P and tangent C at a point of weight w, and g the
+The formulas are those of fem.cells. With stress P and tangent C at a point of weight w, and g the
 gradients of the shape functions, the block of nodes m and n is the sum over the points of
 
     w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
@@ -87,12 +87,12 @@ class Given(NamedTuple):
 
     Attributes:
         x: Positions in [m], shape (n, 3).
-        moved: See fem.assembly.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
+        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
         velocities: In [m/s], shape (n, 3).
         held: What the group holds, H of fem.prony in [Pa], shape (., q, 3, 3); no rows: nothing.
-        positive: Whether K is to have no negative eigenvalues; see fem.assembly.cell_stiffness.
+        positive: Whether K is to have no negative eigenvalues; see fem.cells.cell_stiffness.
         lag: In [s].
-        mean_share: See fem.assembly.cell_stiffness.
+        mean_share: See fem.cells.cell_stiffness.
         scale: Of the stiffness in the matrix.
     """
 

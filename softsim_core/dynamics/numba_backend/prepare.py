@@ -13,6 +13,7 @@ from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
 from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Nodes, Work
+from softsim_core.fem.group import ElementGroup
 from softsim_core.linalg.layout import Tree, empty_factor, tree_of
 from softsim_core.linalg.simd import LANES
 from softsim_core.linalg.symbolic import Plan
@@ -68,6 +69,54 @@ def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
     )
 
 
+def of_another_copy(prepared: Prepared, model: Model, actuators: Actuators) -> Prepared:
+    """What was planned for one model, for another one that `shares_plan` with it.
+
+    What never changes and the room to work in are shared: only one of the two may be in a step at a time.
+    """
+    kinds, compiled = compiled_kinds(actuators)
+    return prepared._replace(
+        cells=prepared.cells.of_another_copy(),
+        nodes=prepared.nodes._replace(mass=model.mass.copy(), diagonal=np.zeros(len(model.rest))),
+        kinematics=_kinematics(model),
+        rows=_rows(model, actuators, compiled),
+        kinds=kinds,
+    )
+
+
+def shares_plan(one: Model, other: Model) -> bool:
+    """Whether two models differ in masses, drives and actuators' numbers at most: in no place and no cell."""
+    if one is other:
+        return True
+    same = np.array_equal
+    if len(one.groups) != len(other.groups) or len(one.regions) != len(other.regions):
+        return False
+    return (
+        same(one.rest, other.rest)
+        and same(one.region_of_node, other.region_of_node)
+        and one.frame_names == other.frame_names
+        and [each.name for each in one.joints] == [each.name for each in other.joints]
+        and (one.coupling is None) == (other.coupling is None)
+        and all(
+            (a is b or type(a) is type(b) is ElementGroup)
+            and a.element is b.element
+            and a.material is b.material
+            and same(a.cells, b.cells)
+            and same(a.gradients, b.gradients)
+            and same(a.weights, b.weights)
+            and same(a.parameter_set, b.parameter_set)
+            for a, b in zip(one.groups, other.groups, strict=True)
+        )
+        and all(
+            (a.frame, a.joint) == (b.frame, b.joint)
+            and same(a.nodes, b.nodes)
+            and same(a.local, b.local)
+            and same(a.reduced, b.reduced)
+            for a, b in zip(one.regions, other.regions, strict=True)
+        )
+    )
+
+
 def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     """Pairs (free node, reduced coordinate of the actuator whose row has it)."""
     owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
@@ -97,7 +146,7 @@ def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[I
 
 def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
     """The rows of actuators for the kernels."""
-    constraints, count, joints = actuators.constraints, len(actuators), len(model.joints)
+    constraints, count = actuators.constraints, len(actuators)
     return ActuatorRows(
         joint=constraints.joint,
         start=constraints.start,
@@ -110,8 +159,6 @@ def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
         violation=np.zeros(count),
         multiplier=np.zeros(count),
         response=np.zeros((count, count)),
-        origins=np.zeros((joints, 3)),
-        rotations=np.zeros((joints, 3, 3)),
     )
 
 
@@ -170,6 +217,9 @@ def _kinematics(model: Model) -> Kinematics:
         inertia=np.array([joint.inertia for joint in joints], dtype=float),
         parent=np.array([joint.parent for joint in joints], dtype=np.int64),
         rest=np.array([joint.rest for joint in joints], dtype=float),
+        rest_rotation=stacked(
+            [joint.frame(joint.rest, joint.base_position, 0.0)[1] for joint in joints], 3, 3
+        ),
         regions=np.array([(region.frame, region.joint) for region in model.regions], dtype=np.int64).reshape(
             -1, 2
         ),
@@ -177,7 +227,7 @@ def _kinematics(model: Model) -> Kinematics:
 
 
 def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
-    size, nodes = model.reduced_size, len(model.rest)
+    size, nodes, joints = model.reduced_size, len(model.rest), len(model.joints)
     in_regions = sum(len(region.nodes) for region in model.regions)
     return Work(
         factor=empty_factor(layout, reduced_size),
@@ -187,6 +237,10 @@ def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
         angular=np.zeros((size, 3)),
         linear=np.zeros((size, 3)),
         origin=np.zeros((size, 3)),
+        base_origins=np.zeros((joints, 3)),
+        base_rotations=np.zeros((joints, 3, 3)),
+        joint_origins=np.zeros((joints, 3)),
+        joint_rotations=np.zeros((joints, 3, 3)),
         region_origins=np.zeros((len(model.regions), 3)),
         region_rotations=np.zeros((len(model.regions), 3, 3)),
         ahead=np.zeros((nodes, 3)),

@@ -5,7 +5,7 @@ and with C and T the moduli and the resultants of products the block of nodes m,
 
     w [B_km C_kl B_ln + T_k L_fm Q_kfg L_gn I]
 
-where T is what the last linear solve found.
+where T is what the last linear solve found. The law's damping adds w d B_km C_kl B_ln, whatever T is.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.compile import kernel
 from softsim_core.fem.group import ElementGroup
+from softsim_core.fem.materials.section import Section
 from softsim_core.fem.rods import BENDING, SHORTEST, RodGroup, StrainPoints
 
 
@@ -48,12 +49,14 @@ class RodCells(NamedTuple):
     Attributes:
         nodes: Node indices, shape (m, 9).
         line, sections: Their points.
+        damping: Of the law in [s], shape (m,).
         blocks: See StrainCells.
     """
 
     nodes: IndexArray
     line: RodPoints
     sections: RodPoints
+    damping: Array
     blocks: Array
 
 
@@ -63,7 +66,7 @@ def rod_cells(group: ElementGroup) -> RodCells | None:
         return None
     cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
     blocks = np.zeros((len(cells), a * (a + 1) // 2, 3, 4))
-    return RodCells(cells, _points(group.line, a), _points(group.sections, 3), blocks)
+    return RodCells(cells, _points(group.line, a), _points(group.sections, 3), np.zeros(len(cells)), blocks)
 
 
 def _points(points: StrainPoints, taking_part: int) -> RodPoints:
@@ -81,9 +84,17 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
     )
 
 
+def own_rods(cells: RodCells) -> RodCells:
+    """The same cells, to be given other values of their law."""
+    line, sections = (each._replace(stiffness=each.stiffness.copy()) for each in (cells.line, cells.sections))
+    return cells._replace(line=line, sections=sections, damping=cells.damping.copy())
+
+
 def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
     """Take over the values p (m, k) of the law's parameters."""
     assert isinstance(group, RodGroup)
+    assert isinstance(group.material, Section)
+    cells.damping[:] = group.material.damping(p)
     for points, (family, stiffness) in zip((cells.line, cells.sections), group.families(p), strict=True):
         points.stiffness[:] = family.lengths[..., None, None] * stiffness
 
@@ -183,6 +194,7 @@ def fill_points(
     scale: float,
     nodes: IndexArray,
     points: RodPoints,
+    damping: Array,
     forces: Array,
     blocks: Array,
 ) -> None:
@@ -195,11 +207,12 @@ def fill_points(
     products, second, rates = np.zeros(strains), np.zeros(strains), np.zeros(strains)
     strain, resultants, expected = np.zeros(strains), np.zeros(strains), np.zeros(strains)
     by_products, moduli = np.zeros((strains, strains)), np.zeros((strains, strains))
-    between = np.zeros((strains, strains))
+    between, viscous = np.zeros((strains, strains)), np.zeros((strains, strains))
     found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
     b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
     turning, turned_maps = np.zeros((vectors, vectors)), np.zeros((vectors, taking_part))
     row = np.zeros((3, 3 * taking_part))
+    step = scale / lag if lag > 0.0 else 0.0
     for e in range(len(nodes)):
         for q in range(maps.shape[1]):
             put_vectors(x, nodes, points, e, q, v)
@@ -227,6 +240,7 @@ def fill_points(
                         else:
                             expected[k] += stiff * strain[j]
             put_moduli(points.stiffness[e, q], by_products, points.along, between, moduli)
+            viscous[:] = damping[e] * moduli
             if points.along and len(moved):
                 add_bent(products, expected, moduli)
             for k in range(strains):
@@ -240,7 +254,7 @@ def fill_points(
                 if not len(moved):
                     found[k] = max(found[k], 0.0) if points.stretching[k] else 0.0
                 for j in range(strains):
-                    acting[k] += lag * moduli[k, j] * rates[j]
+                    acting[k] += (lag * moduli[k, j] + viscous[k, j]) * rates[j]
             pull[:] = 0.0
             turning[:] = 0.0
             for k in range(strains):
@@ -266,7 +280,7 @@ def fill_points(
             cb[:] = 0.0
             for k in range(strains):
                 for j in range(strains):
-                    stiff = scale * moduli[k, j]
+                    stiff = scale * moduli[k, j] + step * viscous[k, j]
                     if stiff != 0.0:
                         for c in range(3 * taking_part):
                             cb[k, c] += stiff * b[j, c]
@@ -302,8 +316,13 @@ def fill_rods(
 ) -> None:
     """Add f - lag K v of the cells to the forces (n, 3), and put scale times K; see strain_cells.fill_strain.
 
-    Without `moved`, K has no negative parts.
+    Without `moved`, K has no negative parts. With a lag, the law's damping is added to both: `scale` is dt
+    times the lag.
     """
     cells.blocks[:] = 0.0
-    fill_points(x, moved, velocities, lag, scale, cells.nodes, cells.line, forces, cells.blocks)
-    fill_points(x, moved, velocities, lag, scale, cells.nodes, cells.sections, forces, cells.blocks)
+    fill_points(
+        x, moved, velocities, lag, scale, cells.nodes, cells.line, cells.damping, forces, cells.blocks
+    )
+    fill_points(
+        x, moved, velocities, lag, scale, cells.nodes, cells.sections, cells.damping, forces, cells.blocks
+    )

@@ -16,6 +16,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.numba_backend.direct import DirectElimination
 from softsim_core.dynamics.numba_backend.elements import CLAMPED, EXACT
+from softsim_core.dynamics.numba_backend.elimination import Elimination
 from softsim_core.dynamics.numba_backend.inversion import count_inverted, oriented
 from softsim_core.dynamics.numba_backend.layout import ActuatorStiffness, Motion
 from softsim_core.dynamics.numba_backend.planning import planned_elimination
@@ -25,7 +26,7 @@ from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
 from softsim_core.errors import FactorisationError
 from softsim_core.kernels import OneSignature
-from softsim_core.linalg.cholesky import factor
+from softsim_core.linalg.crew import usable_threads
 from softsim_core.linalg.layout import clear
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
@@ -43,14 +44,30 @@ class NumbaStepper:
         iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
             Steps that need a factor even so, and static tangents, take it from a second stepper, which is
             planned when it is first needed.
+        like: Of another copy of the scene: what it has planned is used again, and its room to work in, so
+            only one of the two may be in a step at a time. None, or one of another pattern: planned anew.
+        threads: Of a step of a large mesh; None: see linalg.crew.usable_threads. They change nothing in what
+            comes out.
     """
 
     name = "numba"
     compiled = True
 
-    def __init__(self, model: Model, actuators: Actuators, iterative: bool | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        actuators: Actuators,
+        iterative: bool | None = None,
+        like: NumbaStepper | None = None,
+        threads: int | None = None,
+    ) -> None:
         self.model, self.actuators = model, actuators
-        self._elimination = planned_elimination(model, actuators, iterative)
+        self._threads = usable_threads() if threads is None else threads
+        earlier = None if like is None else like._elimination
+        shared = earlier.of_another_copy(model, actuators) if isinstance(earlier, DirectElimination) else None
+        self._elimination: Elimination = shared or planned_elimination(
+            model, actuators, iterative, self._threads
+        )
         direct = isinstance(self._elimination, DirectElimination)
         self._factoring: NumbaStepper | None = self if direct else None
         self._prepared = self._elimination.prepared
@@ -62,7 +79,7 @@ class NumbaStepper:
         self._tuned: tuple[list[list[float]], float, float] | None = None
         self._before, self._free, self._start = (model.empty_state() for _ in range(3))
         self._responses = self._elimination.responses
-        self._factor, self._assemble_tangent = OneSignature(factor), OneSignature(assemble_tangent)
+        self._assemble_tangent = OneSignature(assemble_tangent)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
@@ -91,7 +108,7 @@ class NumbaStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """One step; `moved`: see fem.assembly.cell_stiffness, `pressed`: see PairedCells.press."""
+        """One step; `moved`: see fem.cells.cell_stiffness, `pressed`: see PairedCells.press."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
@@ -204,7 +221,8 @@ class NumbaStepper:
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
         )  # fmt: skip
-        self._factor(data.tree, data.work.factor)
+        assert isinstance(self._elimination, DirectElimination)
+        self._elimination.factor()
         return self._responses.positive()
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
@@ -236,7 +254,7 @@ class NumbaStepper:
     def _with_factor(self) -> NumbaStepper:
         """The stepper that factors."""
         if self._factoring is None:
-            self._factoring = NumbaStepper(self.model, self.actuators, iterative=False)
+            self._factoring = NumbaStepper(self.model, self.actuators, iterative=False, threads=self._threads)
         return self._factoring
 
 

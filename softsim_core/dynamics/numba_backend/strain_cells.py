@@ -108,7 +108,7 @@ def fill_strain(
 
     Args:
         x: Positions in [m], shape (n, 3).
-        moved: See fem.assembly.cell_stiffness, shape (n, 3); no rows: the stress of K is that at x.
+        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the stress of K is that at x.
         velocities: In [m/s], shape (n, 3).
         lag: In [s].
         scale: What the stiffness in `cells.blocks` is multiplied by.

@@ -19,7 +19,7 @@ def assemble_tangent(
 
     `external`: all loads but elastic ones (n, 3); `tangent`: elements.EXACT, or CLAMPED.
     """
-    x = motion.positions
+    x, first = motion.positions, 6 * len(motion.frame_positions)
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
     work.forces[:, :3] = external
@@ -30,34 +30,36 @@ def assemble_tangent(
             place = nodes.row[f] + i * nodes.stride[f] + nodes.column[f] + i
             work.factor.panels[place] += spring[nodes.free[f]]
     for z in range(len(nodes.region)):
-        add_region_node(x, z, spring, nodes, work)
-    first = len(motion.reduced_velocities) - len(kinematics.stiffness)
+        add_region_node(x, z, spring, first, nodes, work)
     for j in range(len(kinematics.stiffness)):
         work.factor.schur[first + j, first + j] += kinematics.stiffness[j]
 
 
 @inlined
-def add_region_node(x: Array, z: int, spring: Array, nodes: Nodes, work: Work) -> None:
-    """Soft fixing of region node z, and the change of its load's moment as the region turns."""
+def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, work: Work) -> None:
+    """Soft fixing of region node z, and the change of its load's work as frames and joints turn it.
+
+    `joints`: the first reduced coordinate of joints. Of two joints, the outer one turns how the inner one
+    moves the node; of the six of a frame, which turn at once, half of both orders counts.
+    """
     node = nodes.region[z]
-    last = nodes.reduced[z, nodes.size[z] - 1]
-    r0, r1, r2 = (
-        x[node, 0] - work.origin[last, 0],
-        x[node, 1] - work.origin[last, 1],
-        x[node, 2] - work.origin[last, 2],
-    )
-    f0, f1, f2 = work.forces[node, 0], work.forces[node, 1], work.forces[node, 2]
-    along = r0 * f0 + r1 * f1 + r2 * f2
-    w = work.angular
     for q in range(nodes.size[z]):
         b = nodes.reduced[z, q]
-        rb = w[b, 0] * r0 + w[b, 1] * r1 + w[b, 2] * r2
-        fb = w[b, 0] * f0 + w[b, 1] * f1 + w[b, 2] * f2
         for p in range(q + 1):
             a = nodes.reduced[z, p]
-            ra = w[a, 0] * r0 + w[a, 1] * r1 + w[a, 2] * r2
-            fa = w[a, 0] * f0 + w[a, 1] * f1 + w[a, 2] * f2
-            both = w[a, 0] * w[b, 0] + w[a, 1] * w[b, 1] + w[a, 2] * w[b, 2]
-            work.factor.schur[a, b] += along * both - 0.5 * (ra * fb + fa * rb)
+            total = turned_work(node, z, a, q, work)
+            if b < joints:
+                slides = work.angular[a, 0] == 0.0 and work.angular[a, 1] == 0.0 and work.angular[a, 2] == 0.0
+                total = 0.0 if slides else 0.5 * (total + turned_work(node, z, b, p, work))
+            work.factor.schur[a, b] -= total
             for i in range(3):
                 work.factor.schur[a, b] += spring[node] * work.jacobian[z, p, i] * work.jacobian[z, q, i]
+
+
+@inlined
+def turned_work(node: int, z: int, a: int, q: int, work: Work) -> float:
+    """F . (w x u) of region node z: its load, the turning of coordinate a, its motion by its q-th one."""
+    f, w, u = work.forces, work.angular, work.jacobian
+    total = f[node, 0] * (w[a, 1] * u[z, q, 2] - w[a, 2] * u[z, q, 1])
+    total += f[node, 1] * (w[a, 2] * u[z, q, 0] - w[a, 0] * u[z, q, 2])
+    return total + f[node, 2] * (w[a, 0] * u[z, q, 1] - w[a, 1] * u[z, q, 0])  # type: ignore[no-any-return]

@@ -14,6 +14,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import FactorisationError
+from softsim_core.fem.materials.cofactors import cofactor_first
 from softsim_core.fem.materials.isotropic import HOOKE, lame
 from softsim_core.fem.materials.material import Material, VolumetricMaterial
 
@@ -21,9 +22,17 @@ SMALLEST_VOLUME = 1e-6
 """det(tr(S) I - S), 8 at rest, is taken no smaller than this: a crumpled element that is blown up has no
 bounded tangent."""
 
-_LEVI_CIVITA = np.zeros((3, 3, 3))
-_LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
-_LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
+_WELL_SHAPED = 0.02
+"""With a determinant above this, for its size, a gradient is near enough to a rotation for Newton's steps."""
+
+_NEWTON_STEPS = 12
+_NEARLY_THERE = 1e-8
+"""Newton's error is the square of the last change, so the next step would change nothing."""
+
+_AXIAL = np.zeros((9, 3))
+"""Row 3 m + k, column i: the sign of the permutation (m, i, k); times R, the derivative of [w]x R by w."""
+_AXIAL[[5, 6, 1], [0, 1, 2]] = -1.0
+_AXIAL[[7, 2, 3], [0, 1, 2]] = 1.0
 
 
 class RotatedHooke(Material):
@@ -124,14 +133,15 @@ class Corotational(RotatedHooke, VolumetricMaterial):
                 turning = np.where(within, gamma * others / volume, mu)
             else:
                 turning = gamma / sums
-        modes = np.einsum(
-            "...mn,...mkl->...nkl", axes, np.einsum("mik,...il->...mkl", _LEVI_CIVITA, rotation)
+        shape = rotation.shape[:-2]
+        turnings = (_AXIAL @ rotation).reshape(*shape, 3, 9)
+        modes = np.concatenate(
+            [rotation.reshape(*shape, 1, 9), np.swapaxes(axes, -1, -2) @ turnings], axis=-2
         )
-        identity = np.eye(9).reshape(3, 3, 3, 3)
-        result = 2.0 * mu[..., None, None, None] * identity
-        result = result + bulk[..., None, None, None] * np.einsum("...ij,...kl->...ijkl", rotation, rotation)
-        turned = np.einsum("...n,...nij->...nij", turning, modes)
-        return np.asarray(result - np.einsum("...nij,...nkl->...ijkl", turned, modes))
+        weights = np.concatenate([np.broadcast_to(bulk, (*turning.shape[:-1], 1)), -turning], axis=-1)
+        weighted = weights[..., None] * modes
+        result = np.swapaxes(weighted, -1, -2) @ modes + 2.0 * mu[..., None] * np.eye(9)
+        return np.asarray(result.reshape(*result.shape[:-2], 3, 3, 3, 3))
 
 
 def hooke_stress(strain: Array, p: Array) -> Array:
@@ -144,9 +154,33 @@ def hooke_stress(strain: Array, p: Array) -> Array:
 def polar_rotations(deformation: Array) -> Array:
     """Nearest proper rotation to each deformation gradient (..., 3, 3); inverted elements included.
 
+    Newton's iteration R <- (R + R^-T) / 2 where it converges fast, which costs a fifth of the singular values
+    that the others take. Source: Higham 1986, Computing the polar decomposition.
+
     Raises:
         FactorisationError: a gradient is not finite.
     """
+    rotation = np.array(np.moveaxis(deformation, (-2, -1), (0, 1)), order="C")  # a copy, rows first
+    minors = cofactor_first(rotation)
+    volume = (rotation[0] * minors[0]).sum(axis=0)
+    size = (rotation**2).sum(axis=(0, 1)) / 3.0
+    good = volume > _WELL_SHAPED * size * np.sqrt(size)
+    rotation[:, :, ~good] = np.eye(3)[:, :, None]
+    for _ in range(_NEWTON_STEPS):
+        minors = cofactor_first(rotation)
+        change = 0.5 * (minors / (rotation[0] * minors[0]).sum(axis=0) - rotation)
+        rotation += change
+        if np.abs(change).max(initial=0.0) < _NEARLY_THERE:
+            break
+    else:
+        good &= np.abs(change).max(axis=(0, 1)) < _NEARLY_THERE
+    result = np.moveaxis(rotation, (0, 1), (-2, -1))
+    if not good.all():
+        result[~good] = _rotations_by_singular_values(deformation[~good])
+    return np.ascontiguousarray(result)
+
+
+def _rotations_by_singular_values(deformation: Array) -> Array:
     try:
         u, _, vt = np.linalg.svd(deformation)
     except np.linalg.LinAlgError as error:

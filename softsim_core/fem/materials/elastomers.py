@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib
 import re
@@ -13,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import SceneError, listing
+from softsim_core.errors import SceneError
+from softsim_core.wrong_names import known_names
 
 TABLE = Path(__file__).with_name("elastomers.yaml")
 FITTED_LAWS = ("yeoh", "ogden")
@@ -61,7 +61,8 @@ class Elastomer:
     def fit(self, law: str) -> Fit:
         """The fit of a law; SceneError names the laws that are fitted."""
         if law not in self.fits:
-            raise SceneError(f"{self.name}: no constants for the law {law!r}; fitted: {listing(self.fits)}")
+            known = known_names(law, self.fits, "fitted:")
+            raise SceneError(f"{self.name}: no constants for the law {law!r}; {known}")
         return self.fits[law]
 
 
@@ -74,10 +75,8 @@ def elastomer(name: str) -> Elastomer:
     table = _table()
     if found := table.get(_plain(name)):
         return found
-    near = [each for each in table if _plain(name) and each.startswith(_plain(name))]
-    near += [each for each in difflib.get_close_matches(_plain(name), table, 3, 0.5) if each not in near]
-    known = f"did you mean: {listing(table[each].name for each in near[:4])}; " if near else ""
-    raise SceneError(f"unknown material {name[:60]!r}; {known}`softsim material` lists all")
+    near = known_names(name, (each.name for each in table.values()), lists_all="softsim material")
+    raise SceneError(f"unknown material {name[:60]!r}; {near}")
 
 
 def elastomer_names() -> tuple[str, ...]:

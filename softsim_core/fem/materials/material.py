@@ -19,7 +19,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import FactorisationError, MaterialError, listing
+from softsim_core.errors import FactorisationError, MaterialError
+from softsim_core.wrong_names import known_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +125,7 @@ class Material(ABC):
         """
         for name in given:
             if name not in self.names:
-                known = f"is unknown to the law {self.name}; known: {listing(self.names)}"
+                known = f"is unknown to the law {self.name}; {known_names(name, self.names)}"
                 raise MaterialError(name, given[name], known)
         values = {}
         for parameter in self.parameters:

@@ -7,6 +7,7 @@ from softsim_core.fem.materials.corotational_qr import CorotationalQr
 from softsim_core.fem.materials.material import Material
 from softsim_core.fem.materials.mooney_rivlin import MooneyRivlin
 from softsim_core.fem.materials.ogden import Ogden
+from softsim_core.fem.materials.saint_venant_kirchhoff import SaintVenantKirchhoff
 from softsim_core.fem.materials.section import SECTION
 from softsim_core.fem.materials.stable_neo_hookean import StableNeoHookean
 from softsim_core.fem.materials.yeoh import Yeoh
@@ -20,6 +21,7 @@ _MATERIALS: Registry[Material] = Registry(
     Yeoh(),
     Ogden(),
     MooneyRivlin(),
+    SaintVenantKirchhoff(),
     SECTION,
 )
 

@@ -2,11 +2,13 @@ r"""The law of rods: Hooke's without contraction across, with a factor on each s
 
 .. math:: S_{ii} = E_Y E_{ii}, \quad S_{ij} = 2 G E_{ij} = \frac{E_Y}{1 + \nu} E_{ij}
 
-in the axes of the section. Sections are held to their shape with a multiple of the same moduli.
+in the axes of the section. Sections are held to their shape with a multiple of the same moduli. Strains that
+change are resisted by c dE/dt as well, as by a strain c dE/dt more (Kelvin and Voigt), with the damping c.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf
 from typing import Final
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.fem.materials.isotropic import POISSON_RATIO, YOUNG_MODULUS
-from softsim_core.fem.materials.material import MaterialParameter
+from softsim_core.fem.materials.material import MaterialParameter, Refusal
 from softsim_core.fem.materials.strain import StrainMaterial
 
 HOLDING: Final = 10.0
@@ -31,12 +33,16 @@ _FACTORS = tuple(
     )
 )
 
+DAMPING: Final = MaterialParameter(
+    "damping", "s", "Damping of this rod beside rayleigh_stiffness, >= 0", default=0.0
+)
+
 
 class Section(StrainMaterial):
     """See the module."""
 
     name = "rod"
-    parameters = (YOUNG_MODULUS, POISSON_RATIO, *_FACTORS)
+    parameters = (YOUNG_MODULUS, POISSON_RATIO, *_FACTORS, DAMPING)
 
     def scales(self, p: Array) -> tuple[Array, Array]:
         """Moduli in [Pa] of values (m, k): stretch, shear (2), bending (2), twist; what holds sections.
@@ -45,7 +51,7 @@ class Section(StrainMaterial):
             Of the strains along a rod, shape (m, 6), and of those of its sections, shape (m, 3).
         """
         young, shear = p[:, 0], p[:, 0] / (2.0 * (1.0 + p[:, 1]))
-        stretching, shearing, first, second, twisting = p[:, 2:].T
+        stretching, shearing, first, second, twisting = p[:, 2:7].T
         line = (
             young * stretching,
             shear * shearing,
@@ -55,6 +61,14 @@ class Section(StrainMaterial):
             shear * twisting,
         )
         return np.stack(line, axis=1), HOLDING * np.stack([young, young, shear], axis=1)
+
+    def refusal(self, values: Mapping[str, float]) -> Refusal | None:
+        """See Material."""
+        return Refusal(DAMPING.name, ">= 0 s") if values[DAMPING.name] < 0.0 else None
+
+    def damping(self, p: Array) -> Array:
+        """C in [s] of values (m, k), shape (m,)."""
+        return p[:, 7]
 
     def energy(self, deformation: Array, p: Array) -> Array:
         """See Material."""

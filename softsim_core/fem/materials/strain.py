@@ -8,7 +8,7 @@ With :math:`E = (F^T F - 1) / 2` and the second Piola stress :math:`S = \partial
 
 What they carry is stiff and thin, so a turn within one step, taken as straight, strains them far more than
 their loads do. As with nearly incompressible rubber, a step therefore takes the stress that its linear solve
-found; see fem.assembly.cell_stiffness.
+found; see fem.cells.cell_stiffness.
 
 Source: Bonet, Wood 2008, Nonlinear continuum mechanics for finite element analysis, 5.4 and 6.4.
 """

@@ -1,0 +1,195 @@
+"""Episodes of a task in all copies of a batch: actions to commands, states to observations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.batch import Batch
+from softsim_core.learning.devices import Delay, Devices, rounded
+from softsim_core.learning.randomisation import Randomisation
+from softsim_core.learning.task import Moment, Numbers, Task
+
+
+class Outcome(NamedTuple):
+    """Of an action in k copies: rewards (k,), ends (k,), and what `info` tells, (k, ...) by name."""
+
+    reward: Array
+    terminated: BoolArray
+    truncated: BoolArray
+    info: dict[str, Numbers]
+
+
+class Episodes:
+    """See the module.
+
+    Whatever is random in a copy comes from its own generator, so its episodes do not depend on the others.
+
+    Args:
+        task: What it is about.
+        copies, workers: See Batch.
+        devices: Servos and sensors; None: the task's.
+        randomisation: What differs from episode to episode; None: nothing.
+        full_state: Whether observations are the whole state, without noise, instead of what is sensed.
+
+    Attributes:
+        batch: The copies.
+        generators: Random numbers of each copy; put new ones in for new seeds.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        copies: int,
+        workers: int = 1,
+        devices: Devices | None = None,
+        randomisation: Randomisation | None = None,
+        full_state: bool = False,
+    ) -> None:
+        self.task, self._randomisation, self._full = task, randomisation, full_state
+        robot = task.description()
+        start = robot.start
+        self._start_steps = 0 if start is None else math.ceil(start.duration / robot.scene.dt) + 1
+        free = [each.name for each in robot.scene.rigid_bodies if each.mass is not None]
+        self._thing = free.index(task.thing) if task.thing else -1
+        self.batch = Batch(robot, copies, workers)
+        self.generators = [np.random.default_rng(number) for number in range(copies)]
+        self._devices = devices or task.devices
+        self._span = task.steps * self.batch.dt
+        joints = len(task.low)
+        sizes = sum(each.size for each in task.sensed)
+        self._noise, self._steps = np.zeros((copies, sizes)), np.zeros((copies, sizes))
+        self._command_noise, self._command_step = np.zeros((copies, 1)), np.zeros((copies, 1))
+        self._commanding, self._sensing = Delay(copies, joints), Delay(copies, sizes)
+        self._goals, self._commands = np.zeros((copies, task.goal_size)), np.zeros((copies, joints))
+        self._wanted, self._earlier = self._commands.copy(), np.zeros((copies, 3))
+        self._actions = np.zeros(copies, dtype=np.int64)
+        self._late = np.zeros((copies, 2), dtype=np.int64)
+        self._parameters: list[dict[str, float]] = [{} for _ in range(copies)]
+        self._home: bytes | None = None
+        for number in range(copies):
+            self._equip(number, self._devices)
+
+    def bounds(self) -> tuple[Numbers, Numbers]:
+        """Interval of each number of an observation, shapes (m,), float32."""
+        if not self._full:
+            return self.task.bounds()
+        limit = np.full(self.batch.states.shape[1], np.inf, dtype=np.float32)
+        return -limit, limit
+
+    def begin(self, numbers: IndexArray) -> Numbers:
+        """Begin an episode in chosen copies; their observations, shape (k, m)."""
+        for number in numbers.tolist():
+            random = self.generators[number]
+            if self._randomisation is None:
+                self._go_home(number)
+            else:
+                overlay, devices, self._parameters[number] = self._randomisation.draw(random)
+                if overlay:
+                    self.batch.rebuild(number, self.task.description(overlay))
+                    self._lead_in(number)
+                else:
+                    self._go_home(number)
+                self._equip(number, self._devices.changed(devices))
+            self._goals[number] = self.task.goal(random)
+            self.task.begin(self.batch, number, random)
+        targets = np.array([self.batch.call(number, "joint_targets") for number in numbers.tolist()])
+        self._actions[numbers] = 0
+        self._wanted[numbers] = self._commands[numbers] = targets.reshape(len(numbers), -1)
+        self._earlier[numbers] = self._velocities(numbers)
+        sensed = self.task.sense(self._moment(numbers))
+        for number, row in zip(numbers.tolist(), sensed, strict=True):
+            self._commanding.begin(number, self._late[number][0], self._commands[number])
+            self._sensing.begin(number, self._late[number][1], row)
+        return self._observed(numbers)
+
+    def act(self, numbers: IndexArray, actions: Numbers) -> tuple[Numbers, Outcome]:
+        """Carry out actions (k, j) in [-1, 1]; the observations (k, m), and what came of it."""
+        task, joints = self.task, len(self.task.low)
+        self._wanted[numbers] = task.command(actions, self._command_step[numbers])
+        told = self._commanding.through(numbers, self._wanted[numbers])
+        if self._command_noise[numbers].any():
+            told = told + self._command_noise[numbers] * self._drawn(numbers, joints)
+        self.batch.command(told, numbers)
+        self._earlier[numbers] = self._velocities(numbers)
+        self.batch.step(task.steps, numbers)
+        self._commands[numbers] = self._wanted[numbers]
+        self._actions[numbers] += 1
+        judged = task.judge(self._moment(numbers))
+        diverged = np.array([number in self.batch.failed for number in numbers.tolist()], dtype=np.bool_)
+        info = {**judged.info, "time_s": self._span * self._actions[numbers], "diverged": diverged}
+        ended = judged.failed | diverged
+        truncated = (self._actions[numbers] >= task.horizon) & ~ended
+        return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
+
+    def told(self, numbers: IndexArray) -> dict[str, Numbers]:
+        """What `info` tells at the start of an episode."""
+        return {**self.task.judge(self._moment(numbers)).info, "time_s": np.zeros(len(numbers))}
+
+    def parameters(self, number: int) -> Mapping[str, float]:
+        """What was drawn for the episode of a copy, by name."""
+        return self._parameters[number]
+
+    def close(self) -> None:
+        """End the worker processes."""
+        self.batch.close()
+
+    def _go_home(self, number: int) -> None:
+        """To where episodes begin; walked to once, then restored."""
+        if self._home is None:
+            self.batch.reset([number])
+            self._lead_in(number)
+            self._home = self.batch.call(number, "snapshot")
+        else:
+            self.batch.restore(self._home, [number])
+
+    def _lead_in(self, number: int) -> None:
+        """To where episodes begin: the start move, after which the robot is as mounted, and commands."""
+        if self._start_steps:
+            self.batch.call(number, "start_animation")
+            self.batch.step(self._start_steps, [number])
+        for command, steps in self.task.lead_in():
+            self.batch.command([command], [number])
+            self.batch.step(steps, [number])
+
+    def _equip(self, number: int, devices: Devices) -> None:
+        """Take over the devices of a copy."""
+        task = self.task
+        self._noise[number] = task.of_devices(devices, "noise")
+        self._steps[number] = task.of_devices(devices, "step")
+        self._command_noise[number], self._command_step[number] = devices.command_noise, devices.command_step
+        late = devices.command_latency, devices.sensor_latency
+        self._late[number] = [round(each / self._span) for each in late]
+
+    def _velocities(self, numbers: IndexArray) -> Array:
+        """Velocity of the first free frame in [m/s], zeros without one, shape (k, 3)."""
+        found = self.batch.array("reduced_velocities")[numbers, :3]
+        return found if self.batch.array("frame_positions").shape[1] else np.zeros((len(numbers), 3))
+
+    def _moment(self, numbers: IndexArray) -> Moment:
+        return Moment(
+            self.batch,
+            numbers,
+            self._goals[numbers],
+            self._commands[numbers],
+            self._earlier[numbers],
+            self._span,
+            self._thing,
+        )
+
+    def _drawn(self, numbers: IndexArray, count: int) -> Array:
+        """Standard normal numbers, of each copy its own, shape (k, count)."""
+        return np.array([self.generators[number].standard_normal(count) for number in numbers.tolist()])
+
+    def _observed(self, numbers: IndexArray) -> Numbers:
+        if self._full:
+            return self.batch.states[numbers].astype(np.float32)
+        sensed, noise = self.task.sense(self._moment(numbers)), self._noise[numbers]
+        if noise.any():
+            sensed = sensed + noise * self._drawn(numbers, sensed.shape[1])
+        sensed = self._sensing.through(numbers, rounded(sensed, self._steps[numbers]))
+        return self.task.observation(sensed)

@@ -1,0 +1,192 @@
+"""Trained policies as ONNX files: what a file tells of itself, and what it has to fit."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import warnings
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.errors import PolicyError, listing
+from softsim_core.learning.task import Numbers, Senses
+from softsim_core.learning.tasks import TASKS
+from softsim_core.scene.robot import RobotDescription
+
+_ABOUT: Final = "softsim_"
+_LARGEST_BYTES: Final = 100_000_000
+_ROUNDED: Final = 1e-9
+"""Limits of a joint may be narrower than commands of the task by this, in [rad] or [m]."""
+
+
+def policy_metadata(name: str) -> dict[str, str]:
+    """What a policy's file tells of itself, as ONNX keeps it (`metadata_props`).
+
+    Args:
+        name: The task, such as "TripodReach-v0".
+
+    Returns:
+        Task, robot and rate in [Hz]; observation and action in JSON: of each part its name, unit and how many
+        numbers it has, of each joint its name, unit and the commands that -1 and 1 stand for.
+
+    Raises:
+        PolicyError: no such task.
+    """
+    if name not in TASKS:
+        raise PolicyError(name, f"no such task; known: {listing(TASKS)}")
+    task = TASKS[name]
+    robot = task.description()
+    observation = [{"name": each.name, "unit": each.unit, "size": each.size} for each in task.sensed]
+    action = [
+        {"joint": joint.name, "unit": joint.units.command.si, "low": low, "high": high}
+        for joint, low, high in zip(robot.joints, task.low, task.high, strict=True)
+    ]
+    return {
+        f"{_ABOUT}task": name,
+        f"{_ABOUT}robot": robot.name,
+        f"{_ABOUT}rate_hz": f"{1.0 / (task.steps * robot.scene.dt):g}",
+        f"{_ABOUT}observation": json.dumps(observation),
+        f"{_ABOUT}action": json.dumps(action),
+    }
+
+
+class Policy:
+    """A policy that was read; `load_policy` makes it.
+
+    Attributes:
+        name: Its task's name.
+        task: Its task.
+        rate: Actions per second.
+    """
+
+    def __init__(self, file: Path, name: str, rate: float, session: Any) -> None:
+        self.name, self.task, self.rate = name, TASKS[name], rate
+        self._file, self._session = file, session
+        self._input, self._output = session.get_inputs()[0].name, session.get_outputs()[0].name
+
+    def actions(self, observations: Numbers) -> Numbers:
+        """What to do, shape (k, j) float32, for observations (k, m) float32.
+
+        Raises:
+            PolicyError: an answer that is not finite, or of another shape.
+        """
+        found = np.asarray(self._session.run([self._output], {self._input: observations})[0])
+        wanted = (len(observations), len(self.task.low))
+        if found.shape != wanted:
+            raise PolicyError(self._file, f"it answered with the shape {found.shape}, not {wanted}")
+        if not np.isfinite(found).all():
+            raise PolicyError(self._file, "it answered with a number that is not finite; nothing was moved")
+        return found
+
+    def command(self, senses: Senses) -> Array:
+        """Where the servos of k robots go next in [rad] or [m], shape (k, j).
+
+        The observation is the environment's, without the noise that stands there for sensors.
+
+        Raises:
+            PolicyError: an answer that is not finite, or of another shape.
+        """
+        observations = self.task.observation(self.task.sense(senses))
+        return self.task.command(self.actions(observations), self.task.devices.command_step)
+
+    def check_robot(self, robot: RobotDescription) -> int:
+        """Refuse a robot that it cannot drive.
+
+        Returns:
+            Place of the task's rigid body among all of the scene; -1: the task is about none.
+
+        Raises:
+            PolicyError: other joints, commands beyond their limits, no effector, or no such rigid body.
+        """
+        own = self.task.description()
+        wanted, told = _joints(own), _joints(robot)
+        if told != wanted:
+            raise PolicyError(
+                self._file,
+                f"it drives {own.name} with the joints {listing(wanted)}; {robot.name} has {listing(told)}",
+            )
+        for joint, low, high in zip(robot.joints, self.task.low, self.task.high, strict=True):
+            limits = joint.limits
+            if not (limits.lower - _ROUNDED <= low and high <= limits.upper + _ROUNDED):
+                raise PolicyError(
+                    self._file,
+                    f"it commands {joint.name} from {low:g} to {high:g}; {robot.name} allows "
+                    f"{limits.lower:g} to {limits.upper:g}",
+                )
+        if "effector_position" in self.task.asks and robot.scene.effector is None:
+            raise PolicyError(self._file, f"it looks at the effector, and {robot.name} has none")
+        names = [body.name for body in robot.scene.rigid_bodies]
+        if not self.task.thing:
+            return -1
+        if self.task.thing not in names:
+            raise PolicyError(
+                self._file,
+                f"it looks at the rigid body {self.task.thing}; {robot.name} has {listing(names)}",
+            )
+        return names.index(self.task.thing)
+
+
+def load_policy(file: str | PathLike[str]) -> Policy:
+    """A policy from its ONNX file, checked against the task that it names.
+
+    Raises:
+        PolicyError: ONNX Runtime is not installed, or the file cannot be read or does not fit.
+    """
+    path = Path(file).expanduser()
+    session = _session(path)
+    told: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+    name = told.get(f"{_ABOUT}task", "")
+    if name not in TASKS:
+        known = listing(TASKS)
+        what = f"its task is {name[:80]!r}" if name else f"it does not tell its task ({_ABOUT}task)"
+        raise PolicyError(path, f"{what}; known: {known}; see policy_metadata in docs/learning.md")
+    expected = policy_metadata(name)
+    for key, value in expected.items():
+        if told.get(key) != value:
+            raise PolicyError(
+                path, f"{key} is {told.get(key, 'missing')[:200]}, and {name} of this version wants {value}"
+            )
+    task = TASKS[name]
+    for kind, found, size in (
+        ("input", session.get_inputs(), sum(each.size for each in task.sensed)),
+        ("output", session.get_outputs(), len(task.low)),
+    ):
+        shapes = [(each.type, each.shape) for each in found]
+        fits = len(found) == 1 and shapes[0][0] == "tensor(float)" and len(shapes[0][1]) == 2
+        if not fits or isinstance(shapes[0][1][0], int) or shapes[0][1][1] != size:
+            raise PolicyError(
+                path, f"its {kind} is {shapes}; {name} wants one, tensor(float) of any number by {size}"
+            )
+    return Policy(path, name, float(expected[f"{_ABOUT}rate_hz"]), session)
+
+
+def _joints(robot: RobotDescription) -> list[str]:
+    return [f"{joint.name} [{joint.units.command.si}]" for joint in robot.joints]
+
+
+def _session(path: Path) -> Any:
+    try:
+        runtime = importlib.import_module("onnxruntime")
+    except ImportError as error:
+        raise PolicyError(path, f"{error}; pip install 'softsim[policy]'") from error
+    try:
+        if (size := path.stat().st_size) > _LARGEST_BYTES:
+            raise PolicyError(path, f"{size} bytes are more than the {_LARGEST_BYTES} allowed")
+        data = path.read_bytes()
+    except OSError as error:
+        raise PolicyError(path, f"it cannot be read: {error.strerror}") from error
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # the runtime's own classes share no base of theirs
+            reason = " ".join(str(error).split())[:120]
+            raise PolicyError(path, f"it is no ONNX file that ONNX Runtime can run ({reason})") from error

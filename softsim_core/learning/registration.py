@@ -1,0 +1,21 @@
+"""The environments by their ids."""
+
+from __future__ import annotations
+
+import gymnasium
+
+from softsim_core.learning.tasks import TASKS
+
+_HOME = "softsim_core.learning.environments"
+
+
+def register_environments() -> None:
+    """Make the ids known to Gymnasium; it calls this by itself, too (entry point gymnasium.envs)."""
+    for name in TASKS:
+        if f"softsim/{name}" not in gymnasium.registry:
+            gymnasium.register(
+                id=f"softsim/{name}",
+                entry_point=f"{_HOME}:RobotEnv",
+                vector_entry_point=f"{_HOME}:RobotVectorEnv",
+                kwargs={"name": name},
+            )

@@ -1,0 +1,282 @@
+"""Products with a matrix and its preconditioner, by threads: the parts of a divided tree side by side.
+
+What the rows of a part add to unknowns above all parts is kept apart for each, and added part by part once
+all are done: sums have the same order for any number of threads. Large panels above the parts are read in
+pieces: blocks of rows, and of each the further columns (forward) or the rows (back) in strips.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.linalg.agenda import CLOSED, await_others, claim, claim_or_leave, order, publish, report
+from softsim_core.linalg.cholesky import ZERO
+from softsim_core.linalg.compile import kernel
+from softsim_core.linalg.division import Division
+from softsim_core.linalg.layout import Tree
+from softsim_core.linalg.products import (
+    Matrix,
+    Preconditioner,
+    SingleArray,
+    multiply_rows,
+    solve_back,
+    solve_forward,
+    turn_back,
+    turn_on,
+)
+from softsim_core.linalg.simd import ROWS
+
+MULTIPLY, FORWARD, COLUMNS, LINES, BACK = (cast(int, np.int64(kind)) for kind in range(5))
+"""Kinds of phases."""
+
+BLOCK = 128
+"""Rows of a large panel that are solved before others take part; ROWS divides it."""
+
+WIDE = 512
+"""Columns that one task takes."""
+
+DEEP = 16
+"""Rows that one task takes."""
+
+LARGE = 1 << 16
+"""Numbers of a panel above which it is read in pieces: 256 kB, some 20 us."""
+
+
+class Sharing(NamedTuple):
+    """What threads need of each other.
+
+    Attributes:
+        division: Of the preconditioner's tree.
+        beyond, single_beyond: What each part adds to unknowns above, by unknown, shape (p, 3 f); zero between
+            two products. Without unknowns above, (p, 0).
+        room: r, z, p and q of conjugate gradients, shape (4, 3 f).
+        scale: See products.turn_back, shape (1,).
+    """
+
+    division: Division
+    beyond: Array
+    single_beyond: SingleArray
+    room: Array
+    scale: Array
+
+
+def sharing_of(division: Division, unknowns: int) -> Sharing:
+    """Room for a divided tree of so many unknowns."""
+    shape = (len(division.first), unknowns if len(division.above) else 0)
+    beyond, room = np.zeros(shape), np.zeros((4, unknowns))
+    return Sharing(division, beyond, np.zeros(shape, np.float32), room, np.ones(1))
+
+
+@kernel
+def nodes_of(tree: Tree, first: int, end: int) -> tuple[int, int]:
+    """First node of supernodes first .. end, and the end of them."""
+    return tree.first_column[first] // 3, (tree.first_column[end - 1] + tree.columns[end - 1]) // 3
+
+
+@kernel
+def product_task(
+    matrix: Matrix, by: Preconditioner, sharing: Sharing, line: SingleArray, kind: int, s: int, low: int,
+    task: int,
+) -> None:  # fmt: skip
+    """One task of a phase; `s`: the supernode, `low`: first row of its block; `line`: as Preconditioner's."""
+    tree, parts, above = by.tree, sharing.division, sharing.division.above
+    r, z, p, q = sharing.room[0], sharing.room[1], sharing.room[2], sharing.room[3]
+    scale = sharing.scale[0]
+    if kind == COLUMNS:
+        first = low + BLOCK + task * WIDE
+        subtract_columns(tree, by.panels, s, low, first, min(first + WIDE, panel_end(tree, s)), by.line)
+    elif kind == LINES:
+        first = low + task * DEEP
+        subtract_lines(tree, by.panels, s, first, min(first + DEEP, block_end(tree, s, low)), low, by.line)
+    elif task < len(parts.first):
+        start, stop = parts.first[task], parts.end[task]
+        first, end = nodes_of(tree, start, stop)
+        if kind == MULTIPLY:
+            q[3 * first : 3 * end] = 0.0
+            multiply_rows(matrix, p, q, first, end, sharing.beyond[task])
+        elif kind == FORWARD:
+            turn_back(by, scale, r, first, end)
+            solve_forward(tree, by.panels, by.column, line, start, stop, sharing.single_beyond[task])
+        else:
+            solve_back(tree, by.panels, by.column, line, start, stop)
+            turn_on(by, scale, z, first, end)
+    else:  # the nodes above all parts
+        for a in range(len(above)):
+            first, end = nodes_of(tree, above[a], above[a] + 1)
+            if kind == MULTIPLY:
+                q[3 * first : 3 * end] = 0.0
+            elif kind == FORWARD:
+                turn_back(by, scale, r, first, end)
+            else:
+                turn_on(by, scale, z, first, end)
+        if kind == MULTIPLY:
+            for a in range(len(above)):
+                first, end = nodes_of(tree, above[a], above[a] + 1)
+                multiply_rows(matrix, p, q, first, end, q)
+
+
+@kernel
+def panel_end(tree: Tree, s: int) -> int:
+    """Where the numbers of a panel row end: the right-hand side is none of them."""
+    end: int = tree.later[s] + tree.side[s] - 1
+    return end
+
+
+@kernel
+def block_end(tree: Tree, s: int, low: int) -> int:
+    """Where the block of a panel that begins at row `low` ends; rows are padded to ROWS."""
+    own: int = tree.columns[s]
+    return min(low + BLOCK, own + (-own) % ROWS)
+
+
+@kernel
+def subtract_columns(
+    tree: Tree, panels: SingleArray, s: int, low: int, first: int, end: int, line: SingleArray
+) -> None:
+    """What the solved rows of a block take off columns first .. end of the line."""
+    width = tree.width[s]
+    for k in range(low, block_end(tree, s, low), ROWS):
+        a = tree.panel[s] + k * width
+        b, c, d = a + width, a + 2 * width, a + 3 * width
+        y0, y1, y2, y3 = line[k], line[k + 1], line[k + 2], line[k + 3]
+        for j in range(first, end):
+            line[j] -= panels[a + j] * y0 + panels[b + j] * y1 + panels[c + j] * y2 + panels[d + j] * y3
+
+
+@kernel
+def subtract_lines(
+    tree: Tree, panels: SingleArray, s: int, first: int, last: int, low: int, line: SingleArray
+) -> None:
+    """What the columns after a block, which begins at row `low`, take off its rows first .. last."""
+    width, end = tree.width[s], panel_end(tree, s)
+    for k in range(first, last, ROWS):
+        a = tree.panel[s] + k * width
+        b, c, d = a + width, a + 2 * width, a + 3 * width
+        t0, t1, t2, t3 = line[k], line[k + 1], line[k + 2], line[k + 3]
+        for j in range(low + BLOCK, end):
+            value = line[j]
+            t0 -= panels[a + j] * value
+            t1 -= panels[b + j] * value
+            t2 -= panels[c + j] * value
+            t3 -= panels[d + j] * value
+        line[k], line[k + 1], line[k + 2], line[k + 3] = t0, t1, t2, t3
+
+
+@kernel
+def solve_block_forward(
+    panels: SingleArray, begin: int, width: int, low: int, high: int, line: SingleArray
+) -> None:
+    """Replace rows low .. high of the line by L^-1 of it, in their own columns."""
+    for k in range(low, high):
+        row = begin + k * width
+        value = line[k] / panels[row + k]
+        line[k] = value
+        for j in range(k + 1, high):
+            line[j] -= panels[row + j] * value
+
+
+@kernel
+def solve_block_back(
+    panels: SingleArray, begin: int, width: int, low: int, high: int, line: SingleArray
+) -> None:
+    """Replace rows low .. high of the line by L^-T of it, in their own columns."""
+    for k in range(high - 1, low - 1, -1):
+        row = begin + k * width
+        total = line[k]
+        for j in range(k + 1, high):
+            total -= panels[row + j] * line[j]
+        line[k] = total / panels[row + k]
+
+
+@kernel
+def product_phase(
+    matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: IndexArray, kind: int, s: int, low: int,
+    count: int,
+) -> None:  # fmt: skip
+    """Have a phase done."""
+    publish(agenda, kind, s, low, count)
+    task = claim(agenda)
+    while task >= 0:
+        product_task(matrix, by, sharing, by.line, kind, s, low, task)
+        report(agenda)
+        task = claim(agenda)
+    await_others(agenda)
+
+
+@kernel
+def support_products(matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: IndexArray) -> None:
+    """What a thread does that helps with conjugate gradients."""
+    line = np.zeros(len(by.line), np.float32)
+    task = claim_or_leave(agenda)
+    while task != CLOSED:
+        kind, s, low = order(agenda)
+        product_task(matrix, by, sharing, line, kind, s, low, task)
+        report(agenda)
+        task = claim_or_leave(agenda)
+
+
+@kernel
+def multiply(matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: IndexArray) -> None:
+    """Write A p to q."""
+    parts = sharing.division
+    product_phase(matrix, by, sharing, agenda, MULTIPLY, ZERO, ZERO, len(parts.first) + 1)
+    q, beyond = sharing.room[3], sharing.beyond
+    for t in range(len(parts.first)):
+        for e in range(parts.first_row[t], parts.first_row[t + 1]):
+            unknown = parts.row[e]
+            q[unknown] += beyond[t, unknown]
+            beyond[t, unknown] = 0.0
+
+
+@kernel
+def precondition(
+    matrix: Matrix, by: Preconditioner, sharing: Sharing, scale: float, agenda: IndexArray
+) -> None:
+    """Write R L^-T L^-1 R^T r to z; r / `scale` fits into single precision."""
+    tree, panels, column, line, parts = by.tree, by.panels, by.column, by.line, sharing.division
+    sharing.scale[0] = scale
+    product_phase(matrix, by, sharing, agenda, FORWARD, ZERO, ZERO, len(parts.first) + 1)
+    beyond = sharing.single_beyond
+    for t in range(len(parts.first)):
+        for e in range(parts.first_row[t], parts.first_row[t + 1]):
+            unknown = parts.row[e]
+            column[unknown] += beyond[t, unknown]
+            beyond[t, unknown] = np.float32(0.0)
+    for a in range(len(parts.above)):
+        s = parts.above[a]
+        if tree.panel[s + 1] - tree.panel[s] <= LARGE:
+            solve_forward(tree, panels, column, line, s, s + 1, column)
+            continue
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        first, row, end = tree.first_column[s], tree.first_row[s], panel_end(tree, s)
+        line[:end] = np.float32(0.0)
+        line[:own] = column[first : first + own]
+        for low in range(0, own, BLOCK):
+            solve_block_forward(panels, begin, width, low, block_end(tree, s, low), line)
+            tasks = (end - low - BLOCK + WIDE - 1) // WIDE
+            if tasks > 0:
+                product_phase(matrix, by, sharing, agenda, COLUMNS, s, low, tasks)
+        column[first : first + own] = line[:own]
+        for j in range(later, end):
+            column[tree.row_index[row + j - later]] += line[j]
+    for a in range(len(parts.above) - 1, -1, -1):
+        s = parts.above[a]
+        if tree.panel[s + 1] - tree.panel[s] <= LARGE:
+            solve_back(tree, panels, column, line, s, s + 1)
+            continue
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        first, row, end = tree.first_column[s], tree.first_row[s], panel_end(tree, s)
+        line[:end] = np.float32(0.0)
+        line[:own] = column[first : first + own]
+        for j in range(later, end):
+            line[j] = column[tree.row_index[row + j - later]]
+        for low in range(own - 1 - (own - 1) % BLOCK, -1, -BLOCK):
+            high = block_end(tree, s, low)
+            if low + BLOCK < end:
+                product_phase(matrix, by, sharing, agenda, LINES, s, low, (high - low + DEEP - 1) // DEEP)
+            solve_block_back(panels, begin, width, low, high, line)
+        column[first : first + own] = line[:own]
+    product_phase(matrix, by, sharing, agenda, BACK, ZERO, ZERO, len(parts.first) + 1)

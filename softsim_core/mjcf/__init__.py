@@ -1,0 +1,1 @@
+"""MuJoCo models (MJCF) as scenes of ours, and scenes of ours as MuJoCo models."""

@@ -1,0 +1,153 @@
+"""MuJoCo's own library: found, kept quiet, and running a model."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softsim_core.arrays import Array
+from softsim_core.errors import MjcfError
+from softsim_core.mjcf.probe import REFUSED
+
+INSTALL = "pip install 'softsim[mujoco]' (MuJoCo 3.13 or newer)"
+TIME_LIMIT_S = 120.0
+"""The first look at a model may take so long, in [s]."""
+
+
+def library(file: str | Path) -> Any:
+    """The module `mujoco`, which prints no warnings from here on (else: to stderr and into a file).
+
+    Args:
+        file: What it is wanted for, for messages.
+
+    Raises:
+        MjcfError: it is not installed, or is too old for implicit steps of flexes.
+    """
+    try:
+        mujoco = importlib.import_module("mujoco")
+    except ImportError as error:
+        raise MjcfError(file, f"MuJoCo is not installed ({error}): {INSTALL}") from error
+    if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
+        raise MjcfError(file, f"MuJoCo {mujoco_version()} has no integrator discrete: {INSTALL}")
+    mujoco.set_mju_user_warning(_keep_quiet)
+    return mujoco
+
+
+def mujoco_version() -> str:
+    """Version of the library that is installed, or nothing."""
+    for name in ("mujoco-core", "mujoco"):
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    return ""
+
+
+def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
+    """Have MuJoCo read a model in a process of its own, within limits of time and memory.
+
+    Raises:
+        MjcfError: MuJoCo refuses it, crashes, or takes too long.
+    """
+    command = (sys.executable, str(Path(__file__).with_name("probe.py")), str(file))
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=time_limit,
+            env={**os.environ, "PYTHONSAFEPATH": "1"},  # files beside the program are no packages
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise MjcfError(file, f"MuJoCo was stopped after {time_limit:g} s; make the model smaller") from error
+    if done.returncode == REFUSED:
+        raise MjcfError(file, f"MuJoCo refuses it: {done.stdout.strip()}")
+    by_signal = signal.Signals(-done.returncode).name if done.returncode < 0 else ""
+    if by_signal in ("SIGXCPU", "SIGKILL"):
+        raise MjcfError(file, "MuJoCo was stopped: it takes too much time or memory; make the model smaller")
+    if by_signal:
+        raise MjcfError(file, f"MuJoCo crashes on it ({by_signal}); look at its files")
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise MjcfError(file, f"MuJoCo fails on it ({last[:200]})")
+
+
+class MujocoRun:
+    """A model that runs in MuJoCo, as its own file says.
+
+    Args:
+        model: A file, or an MJCF document.
+
+    Raises:
+        MjcfError: MuJoCo is not installed, or refuses the model.
+    """
+
+    def __init__(self, model: Path | str) -> None:
+        name = model if isinstance(model, Path) else "the document"
+        mujoco = library(name)
+        load = mujoco.MjModel.from_xml_path if isinstance(model, Path) else mujoco.MjModel.from_xml_string
+        try:
+            self.model: Any = load(str(model))
+        except ValueError as error:
+            raise MjcfError(name, f"MuJoCo refuses it: {' '.join(str(error).split())[:300]}") from error
+        self.data: Any = mujoco.MjData(self.model)
+        self.version = mujoco_version()
+        self._mujoco = mujoco
+        self._step = mujoco.mj_step
+        self.restart()
+
+    @property
+    def integrator(self) -> str:
+        """How MuJoCo computes a step."""
+        kind = self._mujoco.mjtIntegrator(self.model.opt.integrator)
+        return str(kind.name).removeprefix("mjINT_").lower()
+
+    @property
+    def dt(self) -> float:
+        """Time step in [s]."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def warnings(self) -> int:
+        """How many warnings MuJoCo gave since the start, such as one a step whose solve did not converge."""
+        return int(self.data.warning.number.sum())
+
+    def restart(self) -> None:
+        """Back to the start, without velocity."""
+        self._mujoco.mj_resetData(self.model, self.data)
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def advance(self) -> None:
+        """Go on by one dt."""
+        self._step(self.model, self.data)
+
+    def points(self) -> Array:
+        """Where the vertices of all flexes are now in [m], shape (n, 3)."""
+        self._place()
+        return np.array(self.data.flexvert_xpos)
+
+    def bodies(self, names: tuple[str, ...]) -> Array:
+        """Where the centres of mass of bodies are now in [m], shape (k, 3)."""
+        self._place()
+        return np.array([self.data.body(name).xipos for name in names]).reshape(-1, 3)
+
+    def _place(self) -> None:
+        """A step leaves everything where it was before it; only the coordinates go on."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+        self._mujoco.mj_comPos(self.model, self.data)
+        self._mujoco.mj_flex(self.model, self.data)
+
+
+def _keep_quiet(_: str) -> None:
+    """Warnings are counted, see MujocoRun.warnings."""

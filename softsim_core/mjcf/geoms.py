@@ -1,0 +1,211 @@
+"""Rigid bodies and surfaces of a MuJoCo model: its geoms, on what carries them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from softsim_core.arrays import Array
+from softsim_core.errors import MeshError
+from softsim_core.mesh.shapes import Shape, sphere_surface, surface_of
+from softsim_core.mesh.types import SurfaceMesh
+from softsim_core.mjcf.carriers import Carrier, colour, placement, vector
+from softsim_core.mjcf.reading import Loaded
+from softsim_core.scene.objects import RigidBodyDescription
+from softsim_core.values import MeshFile
+
+_OFF_CENTRE = 1e-3
+"""Of the size of a body: a centre of mass that is off by less is where its shape has it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidGeom:
+    """A rigid body of ours, made of one geom or of all geoms of a free body.
+
+    Attributes:
+        description: The body.
+        geoms: MuJoCo's numbers of the geoms.
+        surface: What its mesh file holds, or None where it has no such file.
+        moves: Whether it moves by itself.
+        carrier: What carries it, or itself.
+    """
+
+    description: RigidBodyDescription
+    geoms: tuple[int, ...]
+    surface: SurfaceMesh | None
+    moves: bool
+    carrier: str
+
+
+def rigid_bodies(loaded: Loaded, found: dict[int, Carrier]) -> tuple[RigidGeom, ...]:
+    """All geoms that have a surface here; of the others it is told."""
+    m = loaded.model
+    rigid: list[RigidGeom] = []
+    for b, carrier in found.items():
+        geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] == b and _usable(loaded, g)]
+        if carrier.kind == "free":
+            if carrier.body == b:
+                with_it = [k for k, each in found.items() if each.body == b]
+                geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] in with_it and _usable(loaded, g)]
+                rigid += _free(loaded, carrier, tuple(geoms), with_it)
+        else:
+            rigid += [_carried(loaded, carrier, g) for g in geoms]
+    return tuple(rigid)
+
+
+def _usable(loaded: Loaded, g: int) -> bool:
+    kinds, kind = loaded.mujoco.mjtGeom, int(loaded.model.geom_type[g])
+    known = (
+        *(kinds.mjGEOM_PLANE, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE),
+        *(kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_CYLINDER, kinds.mjGEOM_BOX, kinds.mjGEOM_MESH),
+    )
+    if kind not in map(int, known):
+        word = kinds(kind).name.removeprefix("mjGEOM_").lower()
+        loaded.told.say(called(loaded, g), f"type {word} is not taken over; its shape has no surface here")
+        return False
+    return True
+
+
+def called(loaded: Loaded, g: int) -> str:
+    """What messages call a geom."""
+    m = loaded.model
+    body = int(m.geom_bodyid[g])
+    return f"geom {m.geom(g).name or g} of {m.body(body).name or f'body {body}'}"
+
+
+def _pose(loaded: Loaded, g: int) -> tuple[Array, Array]:
+    return np.array(loaded.data.geom_xpos[g]), np.array(loaded.data.geom_xmat[g]).reshape(3, 3)
+
+
+def _carried(loaded: Loaded, carrier: Carrier, g: int) -> RigidGeom:
+    m = loaded.model
+    otherwise = m.body(m.geom_bodyid[g]).name or "geom"
+    name = loaded.names.new(m.geom(g).name, "ground" if otherwise == "world" else otherwise)
+    place, turn = _pose(loaded, g)
+    shape, surface = _shape(loaded, g, name)
+    description = RigidBodyDescription(
+        name=name,
+        shape=shape,
+        pose=placement(carrier.rotation.T @ (place - carrier.origin), carrier.rotation.T @ turn),
+        on=carrier.name,
+        colour=colour(m.geom_rgba[g]),
+    )
+    return RigidGeom(description, (g,), surface, carrier.kind != "world", carrier.name)
+
+
+def _free(loaded: Loaded, carrier: Carrier, geoms: tuple[int, ...], bodies: list[int]) -> Iterator[RigidGeom]:
+    """A body that moves by itself, with what is welded to it."""
+    m = loaded.model
+    if not geoms:
+        loaded.told.say(f"body {carrier.name}", "has no geom with a surface: it is not taken over")
+        return
+    mass, centre, inertia = _weight(loaded, bodies)
+    if len(geoms) == 1:
+        place, turn = _pose(loaded, geoms[0])
+        shape, surface = _shape(loaded, geoms[0], carrier.name)
+    else:
+        loaded.told.say(f"body {carrier.name}", f"its {len(geoms)} geoms are their convex hull here")
+        place, turn = centre, carrier.rotation
+        surface = _hull(np.concatenate([_placed(loaded, g, place, turn) for g in geoms]))
+        shape = Shape(mesh=MeshFile(file=Path(f"{carrier.name}.stl")))
+    own = turn.T @ inertia @ turn
+    size = float(
+        np.linalg.norm(np.ptp(surface_of(shape).points if surface is None else surface.points, axis=0))
+    )
+    if np.linalg.norm(centre - place) > _OFF_CENTRE * size and shape.mesh is None:
+        loaded.told.say(f"body {carrier.name}", "its centre of mass is that of its shape here")
+    if np.abs(own - np.diag(np.diag(own))).max() > 1e-3 * np.trace(own):
+        loaded.told.say(f"body {carrier.name}", "its products of inertia are not taken over")
+    description = RigidBodyDescription(
+        name=carrier.name,
+        shape=shape,
+        mass=float(f"{mass:.9g}"),
+        inertia=vector(np.diag(own)),
+        pose=placement(place, turn),
+        colour=colour(m.geom_rgba[geoms[0]]),
+    )
+    yield RigidGeom(description, geoms, surface, True, carrier.name)
+
+
+def _weight(loaded: Loaded, bodies: list[int]) -> tuple[float, Array, Array]:
+    """Mass in [kg], centre (3,) in [m] and inertia (3, 3) about it in [kg m^2] of bodies that move as one."""
+    m, d = loaded.model, loaded.data
+    masses = np.array([m.body_mass[b] for b in bodies])
+    centres = np.array([d.xipos[b] for b in bodies])
+    mass = float(masses.sum())
+    centre = masses @ centres / mass
+    inertia = np.zeros((3, 3))
+    for b, own, at in zip(bodies, masses, centres, strict=True):
+        turn, arm = np.array(d.ximat[b]).reshape(3, 3), at - centre
+        inertia += turn @ np.diag(m.body_inertia[b]) @ turn.T
+        inertia += own * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, centre, inertia
+
+
+def _shape(loaded: Loaded, g: int, name: str) -> tuple[Shape, SurfaceMesh | None]:
+    """A geom's shape in its own frame, and the surface of its mesh file where it needs one."""
+    m, kinds = loaded.model, loaded.mujoco.mjtGeom
+    size, kind = [float(each) for each in m.geom_size[g]], m.geom_type[g]
+    if kind == kinds.mjGEOM_SPHERE:
+        return Shape(sphere=size[0]), None
+    if kind == kinds.mjGEOM_BOX:
+        return Shape(box=(2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), None
+    if kind == kinds.mjGEOM_CYLINDER:
+        return Shape(cylinder=(size[0], 2.0 * size[1])), None
+    if kind == kinds.mjGEOM_PLANE:
+        x, y = size[0], size[1]
+        if not (x > 0.0 and y > 0.0):
+            most = 10.0 * float(m.stat.extent)
+            loaded.told.say(
+                called(loaded, g), f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide"
+            )
+            x, y = (x or most), (y or most)
+        return Shape(plane=(2.0 * x, 2.0 * y)), None
+    return Shape(mesh=MeshFile(file=Path(f"{name}.stl"))), _surface(loaded, g)
+
+
+def _surface(loaded: Loaded, g: int) -> SurfaceMesh:
+    """Triangles of a capsule, an ellipsoid or a mesh in the geom's own frame."""
+    m, kinds = loaded.model, loaded.mujoco.mjtGeom
+    if m.geom_type[g] == kinds.mjGEOM_MESH:
+        k = int(m.geom_dataid[g])
+        vertices = slice(int(m.mesh_vertadr[k]), int(m.mesh_vertadr[k] + m.mesh_vertnum[k]))
+        faces = slice(int(m.mesh_faceadr[k]), int(m.mesh_faceadr[k] + m.mesh_facenum[k]))
+        loaded.told.say(called(loaded, g), "touches with its mesh here, in MuJoCo with the convex hull of it")
+        points = np.array(m.mesh_vert[vertices], dtype=float)
+        return SurfaceMesh(points, np.array(m.mesh_face[faces], dtype=np.int64), m.mesh(k).name)
+    if m.geom_type[g] == kinds.mjGEOM_ELLIPSOID:
+        round_one = sphere_surface(1.0)
+        return SurfaceMesh(round_one.points * np.array(m.geom_size[g]), round_one.triangles, "ellipsoid")
+    radius, half = float(m.geom_size[g, 0]), float(m.geom_size[g, 1])
+    ball, up = sphere_surface(radius).points, np.array([0.0, 0.0, half])
+    return _hull(np.concatenate([ball + up, ball - up]))
+
+
+def _placed(loaded: Loaded, g: int, origin: Array, rotation: Array) -> Array:
+    """Points of the surface of a geom of any shape in another frame, shape (k, 3)."""
+    shape, surface = _shape(loaded, g, "part")
+    surface = surface_of(shape) if surface is None else surface
+    place, turn = _pose(loaded, g)
+    return np.asarray((surface.points @ turn.T + place - origin) @ rotation)
+
+
+def _hull(points: Array) -> SurfaceMesh:
+    """The convex hull of points (k, 3), outward."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError as error:
+        raise MeshError(
+            "convex hull", "geoms of a body enclose nothing together; give them volume"
+        ) from error
+    used, numbers = np.unique(hull.simplices, return_inverse=True)
+    triangles = numbers.reshape(-1, 3).astype(np.int64)
+    corners = points[used][triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (normals * hull.equations[:, :3]).sum(axis=1) < 0.0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return SurfaceMesh(points[used], triangles, "hull")

@@ -1,0 +1,169 @@
+"""A MuJoCo model, read and compiled by MuJoCo's own library, with everything where it starts."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import MjcfError
+from softsim_core.mjcf.engine import library, look_at
+from softsim_core.mjcf.source import MOST_VERTICES, Source, read_source
+
+_AXES = 3
+_CHECKED = (
+    "body_pos",
+    "body_mass",
+    "body_inertia",
+    "geom_pos",
+    "geom_size",
+    "flex_vert",
+    "qpos0",
+    "mesh_vert",
+)
+
+
+@dataclass(slots=True)
+class Told:
+    """What a conversion does not take over, or takes over otherwise; one sentence each, none twice."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def say(self, what: str, sentence: str) -> None:
+        """Note a sentence about something that has a name."""
+        line = f"{what}: {sentence}"
+        if line not in self.lines:
+            self.lines.append(line)
+
+
+class Names:
+    """Names that scenes take: letters, digits and underscores, none twice."""
+
+    def __init__(self) -> None:
+        self._given: set[str] = set()
+
+    def new(self, wished: str, otherwise: str) -> str:
+        """A name like the wished one, or like the other where that is empty."""
+        clean = re.sub(r"\W+", "_", wished, flags=re.ASCII).strip("_") or otherwise
+        clean = clean if clean[0].isalpha() else f"{otherwise}_{clean}"
+        name, number = clean, 2
+        while name in self._given:
+            name, number = f"{clean}_{number}", number + 1
+        self._given.add(name)
+        return name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A compiled model.
+
+    Attributes:
+        source: Its text.
+        mujoco: The library.
+        spec: What the library read.
+        model: What it made of that.
+        data: The state at the start (qpos0), with the places of everything.
+        told: What was found so far.
+        vertices: Whether each body is no more than a point of a flex, shape (b,).
+        names: Names for bodies and what stands beside them in a scene.
+    """
+
+    source: Source
+    mujoco: Any
+    spec: Any
+    model: Any
+    data: Any
+    vertices: Array
+    told: Told
+    names: Names
+
+    @property
+    def file(self) -> Path:
+        """The model's file."""
+        return self.source.file
+
+    def flex_name(self, f: int) -> str:
+        """What messages call a flex."""
+        return f"flex {self.spec.flexes[f].name or f}"
+
+    def refusal(self, f: int) -> str:
+        """Why a flex becomes no soft body; empty: it becomes one."""
+        m = self.model
+        if m.flex_dim[f] != _AXES:
+            what = "a rope" if m.flex_dim[f] == 1 else "a sheet"
+            return f"dim {m.flex_dim[f]} ({what}) is not taken over; soft bodies here are solid"
+        if m.flex_rigid[f]:
+            return "all its vertices are on one body, so it is rigid: it is not taken over"
+        if not self.spec.flexes[f].young > 0.0:
+            return "has no elasticity (young = 0): it is not taken over"
+        return ""
+
+    def flex_bodies(self, f: int) -> IndexArray:
+        """Body of each vertex of a flex, shape (n,); of an interpolated one those of its nodes."""
+        m = self.model
+        if m.flex_interp[f]:
+            start = m.flex_nodeadr[f]
+            return np.array(m.flex_nodebodyid[start : start + m.flex_nodenum[f]], dtype=np.int64)
+        start = m.flex_vertadr[f]
+        return np.array(m.flex_vertbodyid[start : start + m.flex_vertnum[f]], dtype=np.int64)
+
+    def flex_points(self, f: int) -> Array:
+        """Where the vertices of a flex start, in [m], shape (n, 3)."""
+        start = self.model.flex_vertadr[f]
+        return np.array(self.data.flexvert_xpos[start : start + self.model.flex_vertnum[f]])
+
+    def is_vertex(self, body: int) -> bool:
+        """Whether a body is no more than a point of a flex, which moves along three axes."""
+        return bool(self.vertices[body])
+
+
+def _vertices(mujoco: Any, model: Any) -> Array:
+    """Whether each body is no more than a point of a flex, shape (b,)."""
+    carries = np.zeros(model.nbody, dtype=bool)
+    for numbers in (np.array(model.flex_vertbodyid), np.array(model.flex_nodebodyid)):
+        carries[numbers[numbers >= 0]] = True
+    slides = np.bincount(
+        np.array(model.jnt_bodyid)[np.array(model.jnt_type) == mujoco.mjtJoint.mjJNT_SLIDE],
+        minlength=model.nbody,
+    )
+    three = (slides == _AXES) & (np.array(model.body_jntnum) == _AXES)
+    return np.asarray(carries & three & (np.array(model.body_geomnum) == 0))
+
+
+def load_model(path: str | Path) -> Loaded:
+    """Read and compile a model.
+
+    Args:
+        path: An MJCF file.
+
+    Raises:
+        MjcfError: MuJoCo is missing, the file is refused by us or by MuJoCo, or is too large.
+    """
+    source = read_source(path)
+    mujoco = library(source.file)
+    look_at(source.file)
+    try:
+        with warnings.catch_warnings():  # it says of every soft flex that it has no passive forces
+            warnings.simplefilter("ignore")
+            spec = mujoco.MjSpec.from_file(str(source.file))
+            model = spec.compile()
+            data = mujoco.MjData(model)
+            mujoco.mj_forward(model, data)
+    except (ValueError, RuntimeError) as error:
+        raise MjcfError(source.file, f"MuJoCo refuses it: {' '.join(str(error).split())[:300]}") from error
+    if model.nflexvert > MOST_VERTICES:
+        raise MjcfError(
+            source.file,
+            f"has {model.nflexvert} vertices in its flexes, more than {MOST_VERTICES}; coarsen them",
+        )
+    for name in _CHECKED:
+        if not np.isfinite(getattr(model, name)).all():
+            raise MjcfError(
+                source.file, f"holds a number that is not finite (in MuJoCo's {name}); correct it"
+            )
+    return Loaded(source, mujoco, spec, model, data, _vertices(mujoco, model), Told(), Names())

@@ -1,0 +1,176 @@
+"""The text of a MuJoCo model (MJCF), looked through before MuJoCo's own library may read it.
+
+A model is code of a kind: it includes other files, names meshes anywhere on the disk and can ask for more
+memory than there is. What lies outside its folder or beyond the budget is refused here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from softsim_core.errors import MjcfError
+
+MOST_BYTES: Final = 32_000_000
+"""So long the model's text may be, all files that it includes together."""
+MOST_FILES: Final = 100
+MOST_MESH_BYTES: Final = 200_000_000
+"""So long the meshes and pictures that it names may be together."""
+MOST_VERTICES: Final = 50_000
+"""So many vertices its flexes may have together."""
+
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
+_WORDS = ("name", "class", "childclass", "model", "file", "prefix", "text", "data")
+_FILES = ("file", "fileright", "fileup", "fileleft", "filedown", "filefront", "fileback", "vertex_file")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The elements of a model.
+
+    Attributes:
+        file: The file that was asked for.
+        roots: Its root element, then those of the files that it includes.
+    """
+
+    file: Path
+    roots: tuple[ElementTree.Element, ...]
+
+    def elements(self) -> Iterator[tuple[ElementTree.Element, tuple[str, ...]]]:
+        """Every element with the tags above it, in the order of the files."""
+        for root in self.roots:
+            waiting: list[tuple[ElementTree.Element, tuple[str, ...]]] = [(root, ())]
+            while waiting:
+                element, above = waiting.pop()
+                yield element, above
+                inner = (*above, element.tag)
+                waiting += [(child, inner) for child in reversed(list(element)) if isinstance(child.tag, str)]
+
+
+def read_source(path: str | Path) -> Source:
+    """The elements of a model and of the files that it includes.
+
+    Args:
+        path: An MJCF file; everything that it names must lie in its folder, or below.
+
+    Raises:
+        MjcfError: it is no MuJoCo model, cannot be read, is too long, or names what lies outside its folder.
+    """
+    file = Path(path).expanduser().absolute()
+    roots: list[ElementTree.Element] = []
+    seen: set[Path] = set()
+    waiting, length = [file], 0
+    while waiting:
+        one = waiting.pop(0)
+        if one.resolve() in seen:
+            raise MjcfError(file, f"includes {one.name} twice or in a circle, which MuJoCo does not allow")
+        seen.add(one.resolve())
+        if len(seen) > MOST_FILES:
+            raise MjcfError(file, f"includes more than {MOST_FILES} files; join them")
+        text = _text(one, file)
+        length += len(text)
+        if length > MOST_BYTES:
+            raise MjcfError(file, f"is longer than {MOST_BYTES} bytes with what it includes; make it shorter")
+        root = _parsed(text, one)
+        if one == file and root.tag != "mujoco":
+            hint = "URDF; convert it with MuJoCo first" if root.tag == "robot" else "some other XML"
+            raise MjcfError(file, f"is no MuJoCo model: its root is <{root.tag}>, not <mujoco> ({hint})")
+        roots.append(root)
+        for element in root.iter("include"):
+            waiting.append(_inside(element.get("file", ""), file.parent, file, "include"))
+    source = Source(file, tuple(roots))
+    _check(source)
+    return source
+
+
+def _text(one: Path, file: Path) -> bytes:
+    if not one.is_file():
+        what = "does not exist" if one == file else f"includes {one}, which does not exist"
+        raise MjcfError(file, f"{what}; check the path")
+    try:
+        if one.stat().st_size > MOST_BYTES:
+            raise MjcfError(one, f"is longer than {MOST_BYTES} bytes; make it shorter")
+        return one.read_bytes()
+    except OSError as error:
+        raise MjcfError(one, f"cannot be read: {error.strerror or error}") from error
+
+
+def _parsed(text: bytes, one: Path) -> ElementTree.Element:
+    if re.search(rb"<!(DOCTYPE|ENTITY)", text):
+        raise MjcfError(one, "declares a document type or entities, which MJCF has no use for; remove them")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, RecursionError, LookupError) as error:
+        raise MjcfError(one, f"is no well-formed XML ({error}); look at that line") from error
+
+
+def _check(source: Source) -> None:
+    """Refuse numbers that are none, files outside the folder, too large files and grids."""
+    folder = source.file.parent
+    directories = [folder]
+    for element, _ in source.elements():
+        if element.tag == "compiler":
+            directories += [
+                _inside(element.get(name, ""), folder, source.file, name)
+                for name in _DIRECTORIES
+                if element.get(name)
+            ]
+    size = vertices = 0
+    for element, _ in source.elements():
+        for name, text in element.attrib.items():
+            if name not in _WORDS and re.search(r"(?i)(^|[\s+-])(nan|inf|infinity)($|\s)", text):
+                raise MjcfError(
+                    source.file, f"{_called(element)}: {name} is {text[:40]!r}, which is no finite number"
+                )
+        for name in _FILES:
+            if element.get(name) and element.tag != "include":
+                size += _size(element.get(name, ""), directories, source.file, f"{_called(element)}: {name}")
+        if element.tag in ("flexcomp", "composite"):
+            vertices += _grid(element)
+    if size > MOST_MESH_BYTES:
+        raise MjcfError(
+            source.file, f"names meshes and pictures of {size} bytes, more than {MOST_MESH_BYTES}; simplify"
+        )
+    if vertices > MOST_VERTICES:
+        raise MjcfError(
+            source.file, f"asks for {vertices} vertices, more than {MOST_VERTICES}; make its grids coarser"
+        )
+
+
+def _called(element: ElementTree.Element) -> str:
+    name = element.get("name")
+    return f"{element.tag} {name}" if name else element.tag
+
+
+def _grid(element: ElementTree.Element) -> int:
+    try:
+        return math.prod(max(1, int(float(word))) for word in element.get("count", "1").split())
+    except (ValueError, OverflowError):
+        return 0  # MuJoCo's own reader says what is wrong with it
+
+
+def _size(text: str, directories: list[Path], file: Path, what: str) -> int:
+    """Bytes of a file that a model names; 0 where it is not found (MuJoCo tells that)."""
+    for directory in directories:
+        found = _inside(text, directory, file, what)
+        if found.is_file():
+            return found.stat().st_size
+    return 0
+
+
+def _inside(text: str, directory: Path, file: Path, what: str) -> Path:
+    """A path that a model names, which must lie in the folder of the model or below it."""
+    if ":" in text or "\0" in text:
+        raise MjcfError(file, f"{what} names {text[:80]!r}, which is no path of a file")
+    found = directory / text
+    if not found.resolve().is_relative_to(file.parent.resolve()):
+        raise MjcfError(
+            file,
+            f"{what} names {text[:80]!r}, which lies outside the model's folder; put it beside the model",
+        )
+    return found

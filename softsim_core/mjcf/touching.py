@@ -1,0 +1,163 @@
+"""What touches what in a MuJoCo model, as collision surfaces and groups of a scene of ours."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from softsim_core.contact.settings import ContactSettings, PairFriction
+from softsim_core.mjcf.flexes import SoftBody
+from softsim_core.mjcf.geoms import RigidGeom
+from softsim_core.mjcf.reading import Loaded
+from softsim_core.scene.description import JointDescription
+from softsim_core.scene.objects import CollisionDescription
+
+_GAP_M = 1e-4
+"""Gap in [m] at which bodies rest where no flex has a radius."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Surface:
+    """A surface with MuJoCo's masks.
+
+    Attributes:
+        name: Of its body.
+        contype, conaffinity, friction, radius: As in MuJoCo.
+        carrier: What moves it.
+        bodies: MuJoCo's numbers.
+        hangs_on: Joints and frames that carry vertices of it.
+        driven: MuJoCo's geoms of a body that the world or a joint carries; none of others.
+    """
+
+    name: str
+    contype: int
+    conaffinity: int
+    friction: float
+    carrier: str
+    bodies: frozenset[int]
+    radius: float = 0.0
+    hangs_on: frozenset[str] = frozenset()
+    driven: frozenset[int] = frozenset()
+
+    def meets(self, other: _Surface) -> bool:
+        """Whether MuJoCo's masks let the two touch, and neither is held by what carries the other."""
+        if self.carrier in other.hangs_on or other.carrier in self.hangs_on:
+            return False
+        return bool(self.contype & other.conaffinity or other.contype & self.conaffinity)
+
+
+def collisions(
+    loaded: Loaded,
+    soft: tuple[SoftBody, ...],
+    rigid: tuple[RigidGeom, ...],
+    joints: tuple[JointDescription, ...],
+) -> tuple[tuple[CollisionDescription, ...], ContactSettings]:
+    """Surfaces that touch others, those that never meet with a group in common, and how they meet."""
+    m = loaded.model
+    if m.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return (), ContactSettings()
+    surfaces = [each for each in (*_soft(loaded, soft), *_rigid(loaded, rigid)) if _touches(each)]
+    if not any(each.carrier != "world" for each in surfaces):
+        return (), ContactSettings()
+    groups: dict[str, list[str]] = {each.name: [] for each in surfaces}
+    for carrier in dict.fromkeys(each.carrier for each in surfaces):
+        members = [each.name for each in surfaces if each.carrier == carrier]
+        if len(members) > 1:
+            for name in members:
+                groups[name].append(f"on_{carrier}")
+    apart = [{int(each) >> 16, int(each) & 0xFFFF} for each in m.exclude_signature]
+    neighbours = [] if _is_unfiltered(loaded) else [{each.name, each.parent} for each in joints]
+    crossing = _crossing(loaded)
+    meeting: list[tuple[_Surface, _Surface]] = []
+    for a, b in itertools.combinations(surfaces, 2):
+        if a.carrier == b.carrier:
+            continue
+        named = any({i, j} in apart for i in a.bodies for j in b.bodies)
+        if any({i, j} in crossing for i in a.driven for j in b.driven):
+            loaded.told.say(a.name, f"crosses {b.name} at the start: the two do not touch here")
+            named = True
+        if a.meets(b) and not named and {a.carrier, b.carrier} not in neighbours:
+            meeting.append((a, b))
+        else:
+            for name in (a.name, b.name):
+                groups[name].append(f"{a.name}_not_{b.name}")
+    if not meeting:
+        return (), ContactSettings()
+    found = tuple(
+        CollisionDescription(name=each.name, body=each.name, groups=tuple(groups[each.name]))
+        for each in surfaces
+    )
+    return found, _settings(loaded, surfaces, meeting)
+
+
+def _touches(surface: _Surface) -> bool:
+    return bool(surface.contype or surface.conaffinity)
+
+
+def _soft(loaded: Loaded, soft: tuple[SoftBody, ...]) -> Iterator[_Surface]:
+    m = loaded.model
+    for each in soft:
+        f = each.flex
+        held = {held.name if held.to == "free" else held.to for held in each.attachments}
+        yield _Surface(
+            each.body.name,
+            int(m.flex_contype[f]),
+            int(m.flex_conaffinity[f]),
+            float(m.flex_friction[f, 0]),
+            each.body.name,
+            frozenset(),
+            float(m.flex_radius[f]),
+            frozenset(held - {"world"}),
+        )
+
+
+def _rigid(loaded: Loaded, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
+    m = loaded.model
+    for each in rigid:
+        contype, conaffinity, friction = 0, 0, 0.0
+        for g in each.geoms:
+            contype |= int(m.geom_contype[g])
+            conaffinity |= int(m.geom_conaffinity[g])
+            friction = max(friction, float(m.geom_friction[g, 0]))
+        bodies = frozenset(int(m.geom_bodyid[g]) for g in each.geoms)
+        driven = frozenset(each.geoms if each.description.mass is None else ())
+        yield _Surface(
+            each.description.name, contype, conaffinity, friction, each.carrier, bodies, driven=driven
+        )
+
+
+def _crossing(loaded: Loaded) -> list[set[int]]:
+    """Pairs of geoms that MuJoCo finds in each other at the start."""
+    d = loaded.data
+    pairs = (set(map(int, d.contact[k].geom)) for k in range(d.ncon) if d.contact[k].dist < 0.0)
+    return [pair for pair in pairs if min(pair) >= 0]
+
+
+def _is_unfiltered(loaded: Loaded) -> bool:
+    """Whether bodies may touch those that their joint hangs on."""
+    return bool(loaded.model.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+
+
+def _settings(
+    loaded: Loaded, surfaces: list[_Surface], meeting: list[tuple[_Surface, _Surface]]
+) -> ContactSettings:
+    """Gap and friction: of a pair MuJoCo takes the larger friction of the two."""
+    radii = [each.radius for each in surfaces if each.radius > 0.0]
+    gap = float(f"{max(radii, default=_GAP_M):.6g}")
+    if len({f"{each:.6g}" for each in radii}) > 1:
+        loaded.told.say(
+            "flexes", f"radius differs: all bodies keep the largest, {gap:g} m, as their gap here"
+        )
+    pairs = {(a.name, b.name): max(a.friction, b.friction) for a, b in meeting}
+    values = list(pairs.values())
+    usual = max(set(values), key=values.count)
+    others = tuple(
+        PairFriction(between=names, friction=value) for names, value in pairs.items() if value != usual
+    )
+    loaded.told.say(
+        "contact", "is rigid with Coulomb friction here; MuJoCo's is a spring with a time constant"
+    )
+    return ContactSettings(
+        alarm_distance=max(0.004, 4.0 * gap), contact_distance=gap, friction=usual, friction_pairs=others
+    )

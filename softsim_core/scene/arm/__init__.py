@@ -1,0 +1,1 @@
+"""Rigid robots from URDF files that carry soft ones: the key `arm` of a scene."""

@@ -1,0 +1,245 @@
+"""An arm and the tools on its links as one robot, as if somebody had written it all into one file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.pose import rotation_exp
+from softsim_core.scene.arm.description import ArmDescription, ToolDescription
+from softsim_core.scene.arm.urdf_file import RigidRobot, UrdfJoint, read_urdf
+from softsim_core.scene.description import (
+    JointDescription,
+    SceneDescription,
+)
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.placed import Motion, placed
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.view import ViewSettings
+from softsim_core.values import Placement, Vector
+from softsim_core.wrong_names import known_names
+
+GROUP = "arm"
+"""Group of the collision surfaces of an arm's links: they never touch each other."""
+
+_PARTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions", "sensors")
+"""Fields of a scene that hold what a tool is made of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Where a link is while the scene is built, and what moves it.
+
+    Attributes:
+        joint: Name of the last joint that moves before it, or "world".
+        frame: The frame that this joint moves, in the world.
+        link: The frame of the link, in the world.
+    """
+
+    joint: str
+    frame: Motion
+    link: Motion
+
+
+def arm_with_tools(
+    name: str, arm: ArmDescription, load: Callable[[ToolDescription], RobotDescription]
+) -> RobotDescription:
+    """The robot of an arm and its tools; its joints are the arm's, then those of the tools.
+
+    Args:
+        name: Of the scene.
+        arm: The arm.
+        load: Gives the robot of a tool.
+
+    Raises:
+        SceneError: an unknown link or joint, a start beyond limits, or a tool that cannot hang there.
+    """
+    rigid = read_urdf(arm.urdf, arm.arguments)
+    joints, mounts = _joints(rigid, arm)
+    bodies, collisions = _links(rigid, mounts, arm.touch)
+    scene = SceneDescription(name=name, joints=joints, rigid_bodies=bodies, collisions=collisions)
+    robot = RobotDescription(scene=scene)
+    for tool in arm.tools:
+        if tool.on not in mounts:
+            raise SceneError(
+                f"arm: unknown link {tool.on!r} for {tool.robot}; {known_names(tool.on, mounts)}"
+            )
+        robot = _with_tool(robot, _without(load(tool), tool), mounts[tool.on], tool.pose)
+    return robot
+
+
+def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescription, ...], dict[str, Mount]]:
+    """The joints that move, and the mounts of all links."""
+    moving = [each.name for each in rigid.joints if each.kind != "fixed"]
+    if unknown := [each for each in arm.start if each not in moving]:
+        raise SceneError(f"arm: start names the joint {unknown[0]!r}; {known_names(unknown[0], moving)}")
+    root = Motion.to(arm.pose)
+    mounts = {rigid.root: Mount("world", Motion(np.eye(3), np.zeros(3)), root)}
+    result = []
+    for each in rigid.joints:
+        carrier = mounts[each.parent]
+        base = carrier.link.after(each.origin)
+        if each.kind == "fixed":
+            mounts[each.child] = replace(carrier, link=base)
+            continue
+        limits = each.limits
+        rest = arm.start.get(each.name, limits.clamp(0.0))
+        if limits.clamp(rest) != rest:
+            raise SceneError(
+                f"arm: start of {each.name} is {rest}; allowed is [{limits.lower}, {limits.upper}]"
+            )
+        moved = base.after(_moved(each, rest))
+        mounts[each.child] = Mount(each.name, moved, moved)
+        result.append(
+            JointDescription(
+                name=each.name,
+                kind=each.kind,
+                parent=None if carrier.joint == "world" else carrier.joint,
+                base=base.placement(),
+                axis=_vector(each.axis),
+                limits=limits,
+                rest=rest,
+            )
+        )
+    return tuple(result), mounts
+
+
+def _moved(joint: UrdfJoint, position: float) -> Motion:
+    """The frame that a joint moves, in its base frame."""
+    if joint.kind == "revolute":
+        return Motion(rotation_exp(position * joint.axis), np.zeros(3))
+    return Motion(np.eye(3), position * joint.axis)
+
+
+def _links(
+    rigid: RigidRobot, mounts: dict[str, Mount], touch: bool
+) -> tuple[tuple[RigidBodyDescription, ...], tuple[CollisionDescription, ...]]:
+    """The shapes of the links, and the surfaces of those that touch."""
+    bodies, collisions = [], []
+    for link, shapes in rigid.shapes.items():
+        mount = mounts[link]
+        for k, each in enumerate(shapes):
+            name = link if len(shapes) == 1 else f"{link}_{k}"
+            where = mount.frame.inverse.after(mount.link).after(each.pose).placement()
+            on, shape, colour = mount.joint, each.shape, each.colour
+            bodies.append(RigidBodyDescription(name=name, shape=shape, pose=where, on=on, colour=colour))
+            if touch and each.touches:
+                collisions.append(CollisionDescription(name=name, body=name, groups=(GROUP,)))
+    return tuple(bodies), tuple(collisions)
+
+
+def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription:
+    """A tool's robot less what the scene leaves out: what hung on a joint now hangs on what carried that."""
+    scene, left = robot.scene, set(tool.without)
+    known = [part.name for kind in _PARTS for part in getattr(scene, kind)]
+    if unknown := sorted(left - set(known)):
+        raise SceneError(
+            f"arm: {tool.robot} has no {unknown[0]!r} to leave out; {known_names(unknown[0], known)}"
+        )
+    carriers = {each.name: each.parent for each in scene.joints}
+
+    def kept_carrier(name: str | None) -> str | None:
+        while name in left and name in carriers:
+            name = carriers[name]
+        return name
+
+    kept: dict[str, Any] = {
+        kind: tuple(part for part in getattr(scene, kind) if part.name not in left) for kind in _PARTS
+    }
+    bodies = {each.name for each in (*kept["bodies"], *kept["rigid_bodies"])}
+    for kind in ("attachments", "collisions"):
+        kept[kind] = tuple(each for each in kept[kind] if each.body in bodies)
+    kept["joints"] = tuple(
+        replace(each, parent=kept_carrier(each.parent), actuator=_recarried(each.actuator, kept_carrier))
+        for each in kept["joints"]
+    )
+    for kind, field_name in (("attachments", "to"), ("rigid_bodies", "on")):
+        kept[kind] = tuple(
+            replace(each, **{field_name: kept_carrier(getattr(each, field_name)) or "world"})
+            for each in kept[kind]
+        )
+    pairs = tuple(each for each in scene.contact.friction_pairs if not left & set(each.between))
+    order = [k for k, each in enumerate(scene.joints) if each.name not in left]
+    names = {each.name for each in kept["joints"]}
+    return replace(
+        robot,
+        scene=replace(scene, **kept, contact=replace(scene.contact, friction_pairs=pairs)),
+        poses={name: tuple(values[k] for k in order) for name, values in robot.poses.items()},
+        keys={key: each for key, each in robot.keys.items() if names.issuperset(each.joints)},
+        start=None,
+        view=ViewSettings(),
+        controllers=(),
+    )
+
+
+def _recarried(
+    actuator: ActuatorDescription | None, carrier: Callable[[str | None], str | None]
+) -> ActuatorDescription | None:
+    """An actuator with other joints in the place of those that carry parts of it."""
+    if actuator is None:
+        return None
+    return replace(actuator, **{name: carrier(on) for name, on in actuator.carriers().items()})
+
+
+def _with_tool(
+    robot: RobotDescription, tool: RobotDescription, mount: Mount, pose: Placement
+) -> RobotDescription:
+    """A robot, and a tool whose world stands at a pose in the frame of a link."""
+    there = placed(tool.scene, mount.link.after(Motion.to(pose)))
+    hung = _hung(there, mount)
+    parts: dict[str, Any] = {
+        kind: (*getattr(robot.scene, kind), *hung.get(kind, getattr(there, kind))) for kind in _PARTS
+    }
+    scene = replace(
+        robot.scene,
+        dt=there.dt,
+        solver=there.solver,
+        contact=there.contact if there.collisions else robot.scene.contact,
+        effector=there.effector or robot.scene.effector,
+        **parts,
+    )
+    first, second = (tuple(each.rest for each in part.joints) for part in (robot, tool))
+    poses = {name: (*values, *second) for name, values in robot.poses.items()}
+    poses |= {name: (*first, *values) for name, values in tool.poses.items()}
+    return RobotDescription(
+        scene=scene,
+        poses=poses,
+        commands=tool.commands,
+        keys={**robot.keys, **tool.keys},
+        board=tool.board or robot.board,
+        inverse=tool.inverse,
+    )
+
+
+def _hung(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
+    """The fields that change where a tool that stands where it is to hang has a link in the world's place."""
+    on, joints, attachments, bodies = mount.joint, [], [], []
+    for joint in tool.joints:
+        parent = on if joint.moves_frame and joint.parent is None and on != "world" else joint.parent
+        actuator = (
+            joint.actuator if joint.actuator is None or on == "world" else joint.actuator.carried_by(on)
+        )
+        joints.append(replace(joint, actuator=actuator, parent=parent))
+    for each in tool.attachments:
+        if each.stiffness is not None and on != "world":
+            raise SceneError(
+                f"arm: the attachment {each.name} is a spring to the world, which no link can carry; "
+                "remove its stiffness or leave it out (`without`)"
+            )
+        attachments.append(replace(each, to=on if each.to == "world" else each.to))
+    for body in tool.rigid_bodies:
+        if body.on == "world" and body.mass is None:
+            pose = mount.frame.inverse.after(Motion.to(body.pose)).placement(body.pose.scale)
+            body = replace(body, pose=pose, on=on)
+        bodies.append(body)
+    return {"joints": joints, "attachments": attachments, "rigid_bodies": bodies}
+
+
+def _vector(values: Any) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

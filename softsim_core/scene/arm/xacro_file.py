@@ -1,0 +1,64 @@
+"""Xacro files, expanded to URDF by ROS's own xacro."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from softsim_core.errors import ConfigError
+from softsim_core.scene.arm.packages import package_folders
+
+SUFFIX = ".xacro"
+
+
+def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
+    """The URDF of a xacro file.
+
+    Xacro computes what stands in `${...}` as Python does: such a file is a program, to be taken from people
+    whom one trusts. `$(find PACKAGE)` is the folder above the file that has this name, or the package's share
+    folder below AMENT_PREFIX_PATH.
+
+    Args:
+        file: The file.
+        arguments: Values of its arguments (`xacro:arg`), by name.
+
+    Raises:
+        ConfigError: xacro is not installed, or the file cannot be expanded.
+    """
+    try:
+        xacro: Any = importlib.import_module("xacro")
+        substitution: Any = importlib.import_module("xacro.substitution_args")
+    except ImportError as error:
+        problem = "is a xacro file, which xacro expands: pip install 'softsim[arm]' (or apt install "
+        raise ConfigError(file, "", f"{problem}ros-jazzy-xacro)") from error
+    with _finding(substitution, file):
+        try:
+            document = xacro.process_file(str(file.resolve()), mappings=dict(arguments), verbosity=0)
+            return bytes(document.toprettyxml(indent=" ", encoding="utf-8"))
+        except Exception as error:  # the library's own kinds, and whatever an expression raises
+            reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+            raise ConfigError(file, "", f"xacro cannot expand it ({reason})") from error
+
+
+@contextmanager
+def _finding(substitution: Any, file: Path) -> Iterator[None]:
+    """While it lasts, xacro looks for packages as meshes of a URDF file are looked for."""
+
+    def find(package: str) -> str:
+        folders = package_folders(package, file)
+        for folder in folders:
+            if folder.is_dir():
+                return str(folder)
+        raise LookupError(
+            f"package {package} is in no folder of that name above the file, nor in AMENT_PREFIX_PATH"
+        )
+
+    before = substitution._eval_find
+    substitution._eval_find = find
+    try:
+        yield
+    finally:
+        substitution._eval_find = before

@@ -1,0 +1,313 @@
+"""Runs on the worker processes of a Dask cluster: one on this machine, or any whose scheduler is known."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import logging
+import os
+import queue
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+from softsim_core.errors import SoftSimError, StudyError
+from softsim_core.scene import load_scene
+from softsim_core.simulation import Simulation
+from softsim_core.study.identity import versions
+from softsim_core.study.single import RAISED, Outcome, Watch, Work, run_once
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Environment of a worker: one thread each; cores are filled by workers, and sums keep their order."""
+
+AHEAD = 3
+"""Tasks that a thread of a worker has waiting: the scheduler never holds more than these of a study."""
+
+WAIT_FOR_WORKERS_S = 60.0
+LOOK_S = 1.0
+KILLED = "its worker process was killed, again and again (out of memory, or a crash of compiled code)"
+
+
+class Recorder(Protocol):
+    """Keeps a recording of a run; it goes to the processes that run them."""
+
+    def __call__(self, work: Work, number: int) -> tuple[Watch, Callable[[], None]]:
+        """What is told after each step of a run by its number, and what ends its recording."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where runs are done.
+
+    Attributes:
+        workers: Worker processes on this machine, one thread each.
+        scheduler: Address of a Dask scheduler in their place; None: there is none.
+        batch: Runs of one task.
+        told: Called once with a line about the cluster.
+    """
+
+    workers: int = 1
+    scheduler: str | None = None
+    batch: int = 1
+    told: Callable[[str], None] = lambda _: None
+
+
+Task: TypeAlias = tuple[int, tuple[float, ...]]
+"""A run: its number, and the values of the variables."""
+
+
+def run_batch(
+    work: Work, known: Mapping[str, str], tasks: Sequence[Task], recorded: Mapping[int, Recorder]
+) -> list[tuple[int, Outcome]]:
+    """Some runs one after another, in a worker process.
+
+    Args:
+        work: What they share.
+        known: Versions of packages where the study was started; others would give other bits.
+        tasks: The runs.
+        recorded: Recorders of some of them, by their number.
+
+    Raises:
+        StudyError: this process has other versions.
+    """
+    differing = [name for name, version in versions().items() if known.get(name) != version]
+    if differing:
+        name = differing[0]
+        raise StudyError(
+            f"a worker has {name} {versions()[name]}, the client {known.get(name)}; install the same"
+        )
+    _load_kernels(work.scene)
+    return [(number, _recorded_run(work, number, values, recorded.get(number))) for number, values in tasks]
+
+
+@functools.lru_cache(maxsize=1)
+def _load_kernels(scene: Path) -> None:
+    """Load what is compiled, once for each process: seconds that no run's time limit shall hold."""
+    with contextlib.suppress(SoftSimError):
+        Simulation(load_scene(scene)).step()
+
+
+def _recorded_run(work: Work, number: int, values: Sequence[float], recorder: Recorder | None) -> Outcome:
+    if recorder is None:
+        return run_once(work, values)
+    try:
+        watch, end = recorder(work, number)
+    except Exception as error:
+        return Outcome(RAISED, f"its recording cannot be made: {error}", {})
+    try:
+        return run_once(work, values, watch)
+    finally:
+        end()
+
+
+class Engine:
+    """A cluster that is up; `run` gives outcomes as they come.
+
+    Args:
+        client: Of Dask.
+        where: How it was asked for.
+    """
+
+    def __init__(self, client: Any, where: Where) -> None:
+        self._client, self._where = client, where
+
+    def run(
+        self, work: Work, tasks: Iterable[Task], recorded: Mapping[int, Recorder]
+    ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
+        """Number, values and outcome of each run, in the order in which they end.
+
+        Raises:
+            StudyError: the scheduler or all workers went away, or workers cannot run the suite.
+        """
+        suspects: list[Task] = []
+        batches = _batches(tasks, self._where.batch)
+        yield from self._pass(work, batches, recorded, AHEAD * self._threads(), suspects)
+        alone, guilty = [[each] for each in suspects], list[Task]()
+        yield from self._pass(work, iter(alone), recorded, 1, guilty)
+        for number, values in guilty:
+            yield number, values, Outcome(RAISED, KILLED, {})
+
+    def _threads(self) -> int:
+        workers = self._client.scheduler_info(-1)["workers"].values()
+        return max(1, sum(int(each["nthreads"]) for each in workers))
+
+    def _pass(
+        self,
+        work: Work,
+        waiting: Iterator[list[Task]],
+        recorded: Mapping[int, Recorder],
+        most: int,
+        suspects: list[Task],
+    ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
+        """Run batches, at most so many at a time; runs whose workers were killed go to `suspects`.
+
+        Who was on a worker that another run killed is no worse for it: suspects get a worker alone.
+        """
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        under_way: dict[Any, list[Task]] = {}
+        known = versions()
+
+        def start() -> None:
+            if (batch := next(waiting, None)) is not None:
+                chosen = {number: recorded[number] for number, _ in batch if number in recorded}
+                future = self._client.submit(run_batch, work, known, batch, chosen, pure=False)
+                under_way[future] = batch
+                future.add_done_callback(ended.put)
+
+        try:
+            for _ in range(most):
+                start()
+            while under_way:
+                future = self._next(ended)
+                batch = under_way.pop(future)
+                outcomes = self._outcomes(future)
+                start()
+                if outcomes is None:
+                    suspects += batch
+                    continue
+                values = dict(batch)
+                for number, outcome in outcomes:
+                    yield number, values[number], outcome
+        finally:
+            if self._client.status == "running":
+                self._client.cancel(list(under_way), force=True)
+
+    def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
+        while True:
+            if self._client.status != "running":
+                raise self._gone()
+            try:
+                return ended.get(timeout=LOOK_S)
+            except queue.Empty:
+                continue
+
+    def _outcomes(self, future: Any) -> list[tuple[int, Outcome]] | None:
+        """What a task gave; None: its workers were killed."""
+        if future.status == "finished":
+            try:
+                told: list[tuple[int, Outcome]] = future.result()
+            except Exception as error:
+                raise self._gone() from error
+            return told
+        if future.status in ("cancelled", "lost"):
+            raise self._gone()
+        raised = future.exception()
+        if type(raised).__name__ == "KilledWorker":
+            return None
+        said = str(raised) if isinstance(raised, StudyError) else f"{type(raised).__name__}: {raised}"
+        raise StudyError(f"the workers cannot run the study: {said}")
+
+    def _gone(self) -> StudyError:
+        where = self._where.scheduler or "on this machine"
+        return StudyError(
+            f"the Dask scheduler {where} went away; what was done is kept, and the same command goes on "
+            "when it is back"
+        )
+
+
+def _batches(tasks: Iterable[Task], size: int) -> Iterator[list[Task]]:
+    batch: list[Task] = []
+    for task in tasks:
+        batch.append(task)
+        if len(batch) == size:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+@contextmanager
+def engine(where: Where) -> Iterator[Engine]:
+    """A cluster for some time: its own worker processes, which end with this one, or a scheduler's.
+
+    Raises:
+        StudyError: Dask is not installed, or the scheduler cannot be reached or has no workers.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+        dask = importlib.import_module("dask")
+        if where.scheduler is None:
+            importlib.import_module("cryptography")
+    except ImportError as error:
+        raise StudyError(
+            "studies need Dask and Zarr 3 (Python 3.11 or newer): pip install 'softsim[study]'"
+        ) from error
+    environment = dict.fromkeys(THREADS, "1")
+    settings = {
+        "distributed.nanny.pre-spawn-environ": {**environment, "MALLOC_TRIM_THRESHOLD_": "65536"},
+        "distributed.scheduler.allowed-failures": 1,
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.limit": "60s",
+        "distributed.comm.timeouts.connect": "10s",
+    }
+    with dask.config.set(settings):
+        if where.scheduler is not None:
+            with _reached(distributed, where) as client:
+                yield Engine(client, where)
+            return
+        os.environ.update(environment)  # a worker is a fresh process that takes them over
+        with (
+            distributed.LocalCluster(
+                n_workers=where.workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,
+                protocol="tls://",  # others on this machine cannot have the workers run their code
+                security=distributed.Security.temporary(),
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            distributed.Client(cluster, set_as_default=False) as client,
+        ):
+            client.register_plugin(_quiet_worker(distributed), name="interrupts")
+            where.told(f"{where.workers} worker processes; dashboard: {cluster.dashboard_link}")
+            yield Engine(client, where)
+
+
+def _quiet_worker(distributed: Any) -> Any:
+    """Ctrl-C in a terminal reaches its workers, too: they leave it to the client, which ends them."""
+
+    class Quiet(distributed.WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: Any) -> None:
+            import signal
+
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Quiet()
+
+
+@contextmanager
+def _reached(distributed: Any, where: Where) -> Iterator[Any]:
+    """A client of a scheduler that has workers."""
+    for name in (
+        "distributed",
+        "distributed.client",
+        "distributed.core",
+        "asyncio",
+        "tornado",
+    ):  # they tell of a lost scheduler at length
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(where.scheduler, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise StudyError(
+            f"no Dask scheduler answers at {where.scheduler}; start one (dask scheduler), or leave out "
+            "--scheduler"
+        ) from error
+    try:
+        try:
+            client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+        except Exception as error:
+            raise StudyError(
+                f"the scheduler {where.scheduler} has no workers after {WAIT_FOR_WORKERS_S:g} s; start some "
+                "(dask worker ADDRESS --nthreads 1)"
+            ) from error
+        where.told(f"scheduler {where.scheduler}; dashboard: {client.dashboard_link}")
+        yield client
+    finally:
+        client.close(timeout=2)

@@ -1,0 +1,344 @@
+"""The results of a study: one Zarr store that xarray opens, written block by block.
+
+Every array has the dimension `run`, cut into blocks. Runs that are done are kept in a journal, a file for
+each block, until their block is complete; then its chunks are written, that of `status` last, and the journal
+of the block goes. So what lies in the store does not depend on the order in which runs end, and whoever is
+killed loses nothing but the runs that were under way.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+
+from softsim_core.arrays import Array, IndexArray
+from softsim_core.errors import StudyError
+from softsim_core.study.single import PENDING, RAISED, STATUS_WORDS, Outcome
+
+JOURNAL = "journal"
+"""Folder in the store of a study that is not complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """An array of the store.
+
+    Attributes:
+        name: Its name.
+        unit: Of its values.
+        shape: Of the value of one run.
+        dimensions: Names of these.
+        about: For people.
+        is_variable: Whether it is what varies; else it is measured.
+    """
+
+    name: str
+    unit: str
+    shape: tuple[int, ...] = ()
+    dimensions: tuple[str, ...] = ()
+    about: str = ""
+    is_variable: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a store holds.
+
+    Attributes:
+        runs: How many.
+        block: Runs of a chunk.
+        columns: Arrays with a value for each run.
+        coordinates: Arrays that stand for a dimension: name to (values, unit).
+        attributes: Of the store: the study, hashes, versions.
+    """
+
+    runs: int
+    block: int
+    columns: tuple[Column, ...]
+    coordinates: Mapping[str, tuple[Array, str]]
+    attributes: Mapping[str, Any]
+
+
+class Store:
+    """A store that is written by one process.
+
+    Args:
+        folder: The store.
+        plan: What it holds.
+
+    Attributes:
+        status: What became of each run, shape (runs,).
+
+    Raises:
+        StudyError: the folder holds something else, a store of another study, or is being written.
+    """
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.folder, self.plan = folder, plan
+        if not folder.exists():
+            _create(folder, plan)
+        self._lock = locked(folder)
+        try:
+            self._need_same()
+            for torn in folder.rglob("*.partial"):  # Zarr was killed as it wrote them
+                torn.unlink()
+            self._group = zarr_package().open_group(str(folder), mode="r+", use_consolidated=False)
+            self.status = self._read_status()
+            self._rows: dict[int, dict[str, Any]] = {}
+            self._open: dict[int, IO[str]] = {}
+            self._read_journals()
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for each in self._open.values():
+            each.close()
+        self._lock.close()
+
+    @property
+    def left(self) -> list[int]:
+        """Numbers of the runs that have not been done."""
+        return np.flatnonzero(self.status == PENDING).tolist()
+
+    def values(self, name: str) -> Array:
+        """An array of the store, with what its journals hold, shape (runs, ...)."""
+        read: Array = self._group[name][:]
+        for number, row in self._rows.items():
+            if name in row["columns"]:
+                read[number] = _unpacked(row["columns"][name]).reshape(read.shape[1:])
+        return read
+
+    def errors(self) -> list[str]:
+        """Why each run is not done, in order; empty where it is."""
+        told = [str(each) for each in self._group["error"][:]]
+        for number, row in self._rows.items():
+            told[number] = row["error"]
+        return told
+
+    def add(self, number: int, values: Mapping[str, float], outcome: Outcome) -> None:
+        """Keep what became of a run, and write its block when that is complete.
+
+        Args:
+            number: Of the run.
+            values: Of the variables.
+            outcome: What became of it; results of another shape than the plan's make it RAISED.
+
+        Raises:
+            StudyError: the disk is full, or the store cannot be written.
+        """
+        shapes = {each.name: each.shape for each in self.plan.columns}
+        for name, value in outcome.results.items():
+            if value.shape != shapes[name]:
+                error = f"{name} has the shape {value.shape}, in other runs it is {shapes[name]}"
+                outcome = Outcome(RAISED, error, {})
+                break
+        columns = {name: _packed(np.asarray(value)) for name, value in {**values, **outcome.results}.items()}
+        row = {"run": number, "status": outcome.status, "error": outcome.error, "columns": columns}
+        block = number // self.plan.block
+        try:
+            journal = self._open.get(block)
+            if journal is None:
+                (self.folder / JOURNAL).mkdir(exist_ok=True)
+                journal = self._open[block] = self._journal(block).open("a", encoding="utf-8")
+            journal.write(json.dumps(row) + "\n")
+            journal.flush()
+            self._take(row)
+            self._write_if_complete(block)
+        except OSError as error:
+            raise StudyError(
+                f"{self.folder} cannot be written ({error.strerror}); make room, and the same command goes on"
+            ) from error
+
+    def _take(self, row: dict[str, Any]) -> None:
+        self._rows[row["run"]] = row
+        self.status[row["run"]] = row["status"]
+
+    def _journal(self, block: int) -> Path:
+        return self.folder / JOURNAL / f"{block:08d}.jsonl"
+
+    def _range(self, block: int) -> range:
+        return range(block * self.plan.block, min((block + 1) * self.plan.block, self.plan.runs))
+
+    def _write_if_complete(self, block: int) -> None:
+        numbers = self._range(block)
+        if not all(number in self._rows for number in numbers):
+            return
+        rows = [self._rows[number] for number in numbers]
+        part = slice(numbers.start, numbers.stop)
+        for column in self.plan.columns:
+            values = np.full((len(rows), *column.shape), np.nan)
+            for k, row in enumerate(rows):
+                if column.name in row["columns"]:
+                    values[k] = _unpacked(row["columns"][column.name]).reshape(column.shape)
+            self._group[column.name][part] = values
+        self._group["error"][part] = np.array([row["error"] for row in rows], dtype=object)
+        self._group["status"][part] = np.array([row["status"] for row in rows], dtype=np.int8)
+        for number in numbers:
+            del self._rows[number]
+        if (journal := self._open.pop(block, None)) is not None:
+            journal.close()
+        self._journal(block).unlink(missing_ok=True)
+        if not any((self.folder / JOURNAL).iterdir()):
+            (self.folder / JOURNAL).rmdir()
+
+    def _read_status(self) -> IndexArray:
+        return np.asarray(self._group["status"][:], dtype=np.int64)
+
+    def _read_journals(self) -> None:
+        """Take over what was done; what a journal's last line holds half was not."""
+        for file in sorted((self.folder / JOURNAL).glob("*.jsonl")):
+            block, good = int(file.stem), 0
+            with file.open("rb") as stream:
+                for line in stream:
+                    try:
+                        row = json.loads(line)
+                        number = row["run"]
+                    except (ValueError, KeyError, TypeError):
+                        break
+                    good += len(line)
+                    if self.status[number] == PENDING or number in self._rows:
+                        self._take(row)
+            if good < file.stat().st_size:
+                os.truncate(file, good)
+            if all(
+                self.status[number] != PENDING and number not in self._rows for number in self._range(block)
+            ):
+                file.unlink()  # the block was written, its journal had been left
+            else:
+                self._write_if_complete(block)
+        if (self.folder / JOURNAL).is_dir() and not any((self.folder / JOURNAL).iterdir()):
+            (self.folder / JOURNAL).rmdir()
+
+    def _need_same(self) -> None:
+        """Refuse a store of another study, naming what differs."""
+        try:
+            told = json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+        except (OSError, ValueError, KeyError) as error:
+            raise StudyError(f"{self.folder} is no store of a study; choose another with --out") from error
+        for name, what in (("study", "the study"), ("scene_sha256", "its scene"), ("versions", "a version")):
+            if told.get(name) != self.plan.attributes[name]:
+                raise StudyError(
+                    f"{self.folder} holds results from before {what} changed; choose another store with "
+                    "--out, or remove it"
+                )
+
+
+def _create(folder: Path, plan: Plan) -> None:
+    """Make the store whole beside its place, then move it there."""
+    zarr = zarr_package()
+    making = folder.with_name(f".{folder.name}.new")
+    try:
+        shutil.rmtree(making, ignore_errors=True)
+        making.parent.mkdir(parents=True, exist_ok=True)
+        group = zarr.create_group(str(making), attributes=dict(plan.attributes))
+        size = max(1, min(plan.block, plan.runs))
+        for column in plan.columns:
+            attributes = {"units": column.unit, "long_name": column.about or column.name}
+            attributes["role"] = "variable" if column.is_variable else "quantity"
+            group.create_array(
+                column.name,
+                shape=(plan.runs, *column.shape),
+                chunks=(size, *column.shape),
+                dtype="float64",
+                fill_value=np.nan,
+                dimension_names=("run", *column.dimensions),
+                attributes=attributes,
+            )
+        group.create_array(
+            "status",
+            shape=(plan.runs,),
+            chunks=(size,),
+            dtype="int8",
+            fill_value=PENDING,
+            dimension_names=("run",),
+            attributes={
+                "flag_values": list(range(len(STATUS_WORDS))),
+                "flag_meanings": " ".join(STATUS_WORDS),
+                "long_name": "what became of the run",
+            },
+        )
+        group.create_array(
+            "error",
+            shape=(plan.runs,),
+            chunks=(size,),
+            dtype=str,
+            fill_value="",
+            dimension_names=("run",),
+            attributes={"long_name": "why a run is not done"},
+        )
+        for name, (values, unit) in plan.coordinates.items():
+            array = group.create_array(
+                name,
+                shape=values.shape,
+                chunks=values.shape,
+                dtype=values.dtype if values.dtype.kind == "f" else str,
+                dimension_names=(name,),
+                attributes={"units": unit} if unit else {},
+            )
+            array[:] = values
+        with warnings.catch_warnings():  # says at every call that other readers may leave it unused
+            warnings.simplefilter("ignore")
+            zarr.consolidate_metadata(str(making))
+        making.rename(folder)
+    except OSError as error:
+        raise StudyError(f"{folder} cannot be made ({error.strerror}); choose another with --out") from error
+
+
+def locked(folder: Path) -> IO[str]:
+    """The store's description, held until it is closed; freed even by kill -9.
+
+    Where the system has no such locks, nobody is kept away.
+    """
+    try:
+        held = (folder / "zarr.json").open(encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"{folder} is no store of a study; choose another with --out") from error
+    try:
+        import fcntl
+    except ImportError:  # no POSIX system
+        return held
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        held.close()
+        raise StudyError(f"{folder} is being written by another process; wait for it") from None
+    return held
+
+
+def zarr_package() -> Any:
+    """Zarr.
+
+    Raises:
+        StudyError: it is not installed.
+    """
+    try:
+        return importlib.import_module("zarr")
+    except ImportError as error:
+        raise StudyError(
+            "studies need Dask and Zarr 3 (Python 3.11 or newer): pip install 'softsim[study]'"
+        ) from error
+
+
+def _packed(value: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode()
+
+
+def _unpacked(text: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), dtype="<f8")
