@@ -17,10 +17,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from softsim_core.errors import ConfigError, SceneError, listing
+from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.board import BusServo, Servo, ServoCalibration
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_source import read_yaml
+from softsim_core.wrong_names import known_names
 
 AnyServo = TypeVar("AnyServo", ServoCalibration, BusServo)
 
@@ -64,7 +65,9 @@ def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tupl
         where = f"servos[{index}]"
         joint = entry.get("joint") if isinstance(entry, dict) else None
         if joint not in found:
-            raise ConfigError(file, f"{where}.joint", f"{joint!r} drives no servo; known: {listing(found)}")
+            raise ConfigError(
+                file, f"{where}.joint", f"{joint!r} drives no servo; {known_names(joint, found)}"
+            )
         if joint in seen:
             raise ConfigError(file, f"{where}.joint", f"{joint} is given twice")
         seen.add(joint)
@@ -123,7 +126,7 @@ def _changed(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> 
     known = asdict(servo)
     for key, value in entry.items():
         if key not in known:
-            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; known: {listing(known)}")
+            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; {known_names(key, known)}")
         if key == "joint":
             continue
         number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -17,6 +17,7 @@ from servo_bridge.protocols.legacy import LegacyProtocol
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
 from softsim_core.errors import listing
 from softsim_core.scene.board import BoardDescription, Servo
+from softsim_core.wrong_names import known_names
 
 AUTO = "auto"
 """Stands for: find out by listening; a board that says nothing of its own is taken for `FALLBACK`."""
@@ -99,7 +100,7 @@ def protocol_named(name: str) -> type[BoardProtocol]:
     found = _registered.get(name)
     if found is None:
         raise ProtocolError(
-            f"no board protocol is named {name!r}; known: {listing((AUTO, *names()))}; the robot's Python"
+            f"no board protocol is named {name!r}; {known_names(name, (AUTO, *names()))}; the robot's Python"
             " file can register one of its own"
         )
     return found
