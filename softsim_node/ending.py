@@ -6,7 +6,6 @@ import errno
 import os
 import signal
 import sys
-import termios
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
@@ -14,7 +13,10 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TypeVar
 
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+HANG_UP = getattr(signal, "SIGHUP", None)
+"""Not every system has it."""
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else []))
 OUTLIVE = "SOFTSIM_OUTLIVE_PARENT"
 """Set to 1, a process goes on when the program that started it ends; so it does when started by nohup."""
 
@@ -53,9 +55,9 @@ class Ending:
         """
         if threading.current_thread() is not threading.main_thread():
             return
-        stays = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        stays = HANG_UP is not None and signal.getsignal(HANG_UP) is signal.SIG_IGN
         for number in END_SIGNALS:
-            if not (stays and number == signal.SIGHUP):
+            if not (stays and number == HANG_UP):
                 signal.signal(number, self._on_signal)
         if self._parent is None and not stays and os.environ.get(OUTLIVE, "0") in ("", "0"):
             self._parent = os.getppid()
@@ -180,6 +182,10 @@ ending = Ending()
 
 def leave_lost_terminal() -> None:
     """Let standard streams whose terminal was closed go nowhere: each write would fail, also at the exit."""
+    try:
+        import termios
+    except ImportError:  # no POSIX system
+        return
     for stream in (0, 1, 2):
         try:
             termios.tcgetattr(stream)

@@ -7,11 +7,15 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from softsim_core.scene.catalog import shortened
+from softsim_core.wrong_names import known_names
 from softsim_node import doors
-from softsim_node.sentences import sentence_of
+from softsim_node.sentences import one_line, sentence_of
 
 
 class GuardedNode(Node):
@@ -52,6 +56,15 @@ class GuardedNode(Node):
         """As rclpy's; a request that `callback` cannot serve is answered with a sentence."""
         behind = doors.service_door(callback, self.refuse, srv_name)
         return super().create_service(srv_type, srv_name, behind, **options)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As rclpy's; a name that is not declared is refused in a sentence, with the nearest ones."""
+        for each in parameter_list:
+            if not self.has_parameter(each.name):
+                names = sorted(self.get_parameters_by_prefix(""))
+                known = known_names(shortened(each.name), names, "known parameters:")
+                return SetParametersResult(reason=one_line(f"no parameter {shortened(each.name)!r}; {known}"))
+        return super().set_parameters_atomically(parameter_list)
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         """As rclpy's; parameters that `callback` cannot take are refused with a sentence."""

@@ -47,9 +47,16 @@ def serve_once(executor: Executor, timeout_s: float) -> None:
         executor.spin_once(timeout_sec=timeout_s)
 
 
-def ready_callbacks(executor: Executor) -> None:
-    """Run the callbacks that are ready now, at most a few dozen, without waiting."""
+def ready_callbacks(executor: Executor, enough: Callable[[], bool] = lambda: False) -> None:
+    """Run the callbacks that are ready now, at most a few dozen, without waiting.
+
+    Args:
+        executor: Theirs.
+        enough: Whether the rest of them may wait for the next call; a look for more costs half a millisecond.
+    """
     for _ in range(_CALLBACKS_AT_ONCE):
+        if enough():
+            return
         try:
             handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
         except TimeoutException:

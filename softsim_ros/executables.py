@@ -35,6 +35,11 @@ def observer() -> int:
     return run_module("softsim_ros.observer.observer_node")
 
 
+def policy() -> int:
+    """Run the node `policy`; returns the exit code."""
+    return run_module("softsim_ros.policy.policy_node")
+
+
 def recorder() -> int:
     """Run the node `recorder`; returns the exit code."""
     return run_module("softsim_ros.recording.recorder_node")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from softsim_core.arrays import Array
 from softsim_core.scene.description import JointDescription
+from softsim_ros.qos import NEWEST_ONLY
 
 
 class JointReader:
@@ -39,6 +42,13 @@ class JointReader:
             ]
         )
 
+    def efforts(self, message: JointState) -> Array | None:
+        """Efforts in [N m] or [N], (j,), of a message that `read` has read; None: it has none."""
+        order = self._order[1]
+        if order is None or len(message.effort) != len(self._order[0]):
+            return None
+        return np.array([message.effort[index] for index in order])
+
     def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
         missing = [joint.name for joint in self._joints if joint.name not in names]
         if missing:
@@ -47,3 +57,27 @@ class JointReader:
             )
             return None
         return [names.index(joint.name) for joint in self._joints]
+
+
+class JointStates:
+    """Hears where the joints are: what is measured, and while nobody measures what a bridge has sent.
+
+    Args:
+        node: Owner of the subscriptions.
+        silent_after: Nobody measures once nothing came for so long, in [s].
+        take: Called in the node's executor with each message.
+    """
+
+    def __init__(self, node: Node, silent_after: float, take: Callable[[JointState], None]) -> None:
+        self._silent_after, self._take = silent_after, take
+        self._measured_at = -np.inf
+        node.create_subscription(JointState, "joint_states", self._on_measured, NEWEST_ONLY)
+        node.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+
+    def _on_measured(self, message: JointState) -> None:
+        self._measured_at = time.monotonic()
+        self._take(message)
+
+    def _on_applied(self, message: JointState) -> None:
+        if time.monotonic() - self._measured_at > self._silent_after:  # a bare robot
+            self._take(message)

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from softsim_core import RobotDescription, load_scene
-from softsim_core.errors import ConfigError, listing
+from softsim_core.errors import ConfigError
+from softsim_core.wrong_names import one_of
 from softsim_node.frames import prefix_of
 from softsim_ros.description.controllers import CONTROLLER, controllers
 from softsim_ros.description.rviz import rviz_config
@@ -93,7 +94,7 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
     for each in fields(Wishes):
         choices, word = each.metadata["choices"], getattr(wishes, each.name)
         if choices and word not in choices:
-            raise ConfigError("launch", f"argument {each.name}", f"{word!r} is none of: {listing(choices)}")
+            raise ConfigError("launch", f"argument {each.name}", f"{word!r} is not {one_of(word, choices)}")
     robot = load_scene(wishes.robot)
     namespace = wishes.namespace.strip("/") or robot.namespace
     shared: dict[str, str | float] = {"robot": wishes.robot}

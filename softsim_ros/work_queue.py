@@ -33,6 +33,8 @@ class WorkQueue:
     def ask(self, action: Callable[[], Result]) -> Result:
         """Have the thread run an action and wait for its result; what it raises is raised here.
 
+        What is given up before the thread has begun it is never done.
+
         Raises:
             SoftSimError: the thread has ended, the process shall end, or the thread is busy for longer than
                 REQUEST_TIMEOUT_S.
@@ -40,6 +42,8 @@ class WorkQueue:
         future: Future[Result] = Future()
 
         def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
             try:
                 future.set_result(action())
             except BaseException as error:
@@ -48,12 +52,17 @@ class WorkQueue:
         self._queue.put(run)
         end = time.monotonic() + REQUEST_TIMEOUT_S
         while not wait((future,), LOOK_S).done:
+            why = ""
             if ending.asked:
-                raise SoftSimError("request given up: this program ends")
-            if not self._is_alive():
-                raise SoftSimError(f"request refused: {self._owner} has ended")
-            if time.monotonic() > end:
-                raise SoftSimError(f"request given up: {self._work} takes more than {REQUEST_TIMEOUT_S:g} s")
+                why = "request given up: this program ends"
+            elif not self._is_alive():
+                why = f"request refused: {self._owner} has ended"
+            elif time.monotonic() > end:
+                why = f"request given up: {self._work} takes more than {REQUEST_TIMEOUT_S:g} s"
+            if why and future.cancel():
+                raise SoftSimError(f"{why}; it is not done later")
+            if why and future.running():
+                raise SoftSimError(f"{why}; it has begun, and may still be done")
         return future.result()
 
     def ask_to_end(self) -> None:

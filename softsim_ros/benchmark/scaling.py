@@ -1,6 +1,7 @@
 """How a step grows with its mesh: time, memory and the size of the factor, each mesh in a process of its own.
 
-Times are processor times of the one thread that works: steps of seconds are never alone on a machine.
+A step alone is measured by the processor time of the one thread that works: steps of seconds are never alone
+on a machine. With all threads it is measured by the clock, in turns with steps of one thread.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from time import process_time
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from softsim_core import (
     MaterialDescription,
     SceneDescription,
     Simulation,
+    SolverSettings,
     TetMesh,
     box_mesh,
 )
@@ -49,8 +51,8 @@ SPLU_SIZES = QUICK_SIZES
 
 LEAD_IN_STEPS, MOST_STEPS, ENOUGH_S = 2, 30, 6.0
 HEAD = (
-    "shape", "size", "nodes", "tets", "plan s", "step ms", "solve ms", "iterations", "splu ms", "nnz(L)",
-    "Gflop", "peak MB", "exponent",
+    "shape", "size", "nodes", "tets", "plan s", "step ms", "solve ms", "iterations", "ms (threads)",
+    "speed-up", "splu ms", "nnz(L)", "Gflop", "peak MB", "exponent",
 )  # fmt: skip
 
 
@@ -66,9 +68,12 @@ class Scale:
         shape, size: Of SHAPES and SIZES.
         nodes, elements: Of the mesh.
         plan_s: Processor time in [s] of planning the elimination of its free nodes.
-        step_ms: Shortest processor time of a step in [ms].
+        step_ms: Shortest processor time of a step of one thread in [ms].
         solve_ms: Share of factorisation or iteration of that in [ms], by the median of its shares.
         iterations: Of conjugate gradients, median of the steps; 0: each step factors.
+        threads: That the step has where it is large enough.
+        threads_ms: Shortest time of a step with them by the clock in [ms].
+        speed_up: Of the shortest time with one thread by that with all, by the clock.
         splu_ms: Shortest processor time of SuperLU on the matrix of the step in [ms]; None: not measured.
         factor_entries: Numbers in the factor.
         flops: Multiplications and additions of the factorisation.
@@ -83,6 +88,9 @@ class Scale:
     step_ms: float
     solve_ms: float
     iterations: int
+    threads: int
+    threads_ms: float
+    speed_up: float
     splu_ms: float | None
     factor_entries: int
     flops: float
@@ -100,7 +108,7 @@ def mesh_of(shape: str, size: str) -> TetMesh:
     return tripod_silicone(*SILICONE_LEVELS[size])
 
 
-def held(mesh: TetMesh) -> Simulation:
+def held(mesh: TetMesh, threads: int = 1) -> Simulation:
     """A body of silicone, held where it is near the z axis and low, that falls under gravity."""
     near = Box(center=(0.0, 0.0, 0.0), size=(0.03, 0.03, 0.03))
     hold = AttachmentDescription(name="hold", body="body", to="world", box=near)
@@ -108,25 +116,37 @@ def held(mesh: TetMesh) -> Simulation:
     with warnings.catch_warnings():  # slivers of a mesh are no news here
         warnings.simplefilter("ignore", UserWarning)
         return Simulation(
-            SceneDescription(name="scaling", bodies=(body,), attachments=(hold,)), backend="numba"
+            SceneDescription(
+                name="scaling", bodies=(body,), attachments=(hold,), solver=SolverSettings(threads=threads)
+            ),
+            backend="numba",
         )
 
 
 def measure_scale(shape: str, size: str) -> Scale:
     """Measure one mesh in this process."""
-    simulation = held(mesh_of(shape, size))
+    from softsim_core.linalg.crew import alone, usable_cores
+
+    threads = usable_cores()
+    simulation = held(mesh_of(shape, size), threads)
     for _ in range(LEAD_IN_STEPS):
         simulation.step()
     steps: list[float] = []
+    by_clock: tuple[list[float], list[float]] = ([], [])
     shares: list[float] = []
     iterations: list[int] = []
     while len(steps) < MOST_STEPS and sum(steps) < 1e3 * ENOUGH_S:
-        started = process_time()
-        simulation.step()
+        started, clock = process_time(), perf_counter()
+        with alone():
+            simulation.step()
         steps.append(1e3 * (process_time() - started))
+        by_clock[0].append(1e3 * (perf_counter() - clock))
         stages = simulation.stage_times
         shares.append(stages["factor" if "factor" in stages else "iterate"] / stages["step"])
         iterations.append(simulation.report.linear_iterations)
+        clock = perf_counter()
+        simulation.step()
+        by_clock[1].append(1e3 * (perf_counter() - clock))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
     plan_s, entries, flops = planned(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
@@ -139,6 +159,9 @@ def measure_scale(shape: str, size: str) -> Scale:
         min(steps),
         min(steps) * float(np.median(shares)),
         int(np.median(iterations)),
+        threads,
+        min(by_clock[1]),
+        min(by_clock[0]) / min(by_clock[1]),
         min(splu, default=None),
         entries,
         flops,
@@ -212,6 +235,8 @@ def scaling_table(scales: Iterable[Scale]) -> list[str]:
                 f"{each.step_ms:.1f}",
                 f"{each.solve_ms:.1f}",
                 str(each.iterations or "-"),
+                f"{each.threads_ms:.1f} ({each.threads})",
+                f"{each.speed_up:.2f}",
                 "-" if each.splu_ms is None else f"{each.splu_ms:.1f}",
                 f"{each.factor_entries / 1e6:.2f} M",
                 f"{each.flops / 1e9:.3f}",

@@ -2,105 +2,149 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
+import os
 import sys
+import textwrap
 from collections.abc import Sequence
-from typing import NamedTuple
 
+from softsim_core import __version__
 from softsim_core.errors import SoftSimError
+from softsim_core.wrong_names import known_names, nearest
 from softsim_node.ending import ending
 from softsim_node.environment import prepare_environment
-
-
-class Command(NamedTuple):
-    """A subcommand, imported when used: its module has `configure(parser)` and `run(arguments) -> int`.
-
-    Attributes:
-        module: Name of the module.
-        help: One line for `softsim --help`.
-        passes_on: Arguments it does not know are left to it in `arguments.rest`.
-    """
-
-    module: str
-    help: str
-    passes_on: bool = False
-
+from softsim_ros.cli.colours import Colours
+from softsim_ros.cli.command import Command
+from softsim_ros.cli.completion import ASKED, complete
+from softsim_ros.cli.extras import what_is_missing
+from softsim_ros.cli.parser import Parser
 
 COMMANDS = {
-    "up": Command(
-        "softsim_ros.cli.up", "simulate a robot, bridge it to a board, drive it from this terminal"
-    ),
-    "run": Command("softsim_ros.cli.run", "run one ROS node by its name: softsim run NODE --ros-args ..."),
-    "topics": Command(
-        "softsim_ros.cli.topics", "list the live topics, print their messages, measure their rate"
-    ),
-    "record": Command("softsim_ros.cli.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
-    "replay": Command("softsim_ros.cli.replay", "play a bag again, whole or only its commands"),
-    "export": Command("softsim_ros.cli.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
-    "report": Command("softsim_ros.cli.report", "one web page about a bag: charts and the moving picture"),
-    "scenes": Command("softsim_ros.cli.scenes", "list the robots and scenes that are known by name"),
+    "up": Command("running.up", "simulate a robot, bridge it to a board, drive it from this terminal"),
+    "run": Command("running.run", "run one ROS node by its name: softsim run NODE --ros-args ..."),
+    "topics": Command("graph.topics", "list the live topics, print their messages, measure their rate"),
+    "record": Command("recordings.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
+    "replay": Command("recordings.replay", "play a bag again, whole or only its commands"),
+    "export": Command("recordings.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
+    "report": Command("recordings.report", "one web page about a bag: charts and the moving picture"),
+    "scenes": Command("robots.scenes", "list the robots and scenes that are known by name"),
     "material": Command(
-        "softsim_ros.cli.material", "list elastomers; draw one's curve, say its stiffness and a time step"
+        "robots.material",
+        "list elastomers; draw one's curve, say its stiffness and a time step",
     ),
     "mesh": Command(
-        "softsim_ros.cli.mesh",
+        "robots.mesh",
         "fill a part (STL, OBJ, PLY, OFF) with tetrahedra, say what they are worth",
     ),
-    "new": Command("softsim_ros.cli.new", "make a robot of a part: softsim new my_finger --from part.stl"),
-    "urdf": Command("softsim_ros.cli.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
-    "doctor": Command(
-        "softsim_ros.cli.doctor", "say what is installed, which port, which ROS, and what to do"
+    "new": Command("robots.new", "make a robot of a part: softsim new my_finger --from part.stl"),
+    "mjcf": Command(
+        "robots.mjcf",
+        "make a scene of a MuJoCo model, run it in both, make a model of a scene",
     ),
-    "flash": Command("softsim_ros.cli.flash", "put the firmware onto the servo board (avrdude)"),
+    "urdf": Command("robots.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
+    "doctor": Command("upkeep.doctor", "say what is installed, which port, which ROS, and what to do"),
+    "flash": Command("board.flash", "put the firmware onto the servo board (avrdude)"),
     "calibrate-servos": Command(
-        "softsim_ros.cli.calibrate_servos", "walk through a robot's servos: direction, mounting, range"
+        "board.calibrate_servos", "walk through a robot's servos: direction, mounting, range"
     ),
-    "workspace": Command("softsim_ros.cli.workspace", "say how far a robot's effector gets, with a picture"),
+    "workspace": Command("robots.workspace", "say how far a robot's effector gets, with a picture"),
     "excite": Command(
-        "softsim_ros.cli.excite", "move a robot to measure it: a data set for validate and calibrate"
+        "measurements.excite",
+        "move a robot to measure it: a data set for validate and calibrate",
     ),
     "validate": Command(
-        "softsim_ros.cli.validate", "compare a model with measurements of the real robot, in mm"
+        "measurements.validate", "compare a model with measurements of the real robot, in mm"
     ),
     "calibrate": Command(
-        "softsim_ros.cli.calibrate", "find parameters of a model from measurements, and what they do not tell"
+        "measurements.calibrate",
+        "find parameters of a model from measurements, and what they do not tell",
     ),
-    "demo": Command("softsim_ros.cli.demo", "show a robot at work: softsim demo grasp"),
-    "bench": Command("softsim_ros.cli.bench", "measure the speed of a simulation step on this machine"),
-    "test": Command("softsim_ros.cli.suite", "run the test suite (--quick: under two minutes)", True),
+    "sweep": Command("studies.sweep", "run a scene many times with values that vary; draw the results"),
+    "optimise": Command(
+        "studies.optimise",
+        "find the values of a study at which its objective is best (CMA-ES)",
+    ),
+    "demo": Command("demos.demo", "show a robot at work: softsim demo grasp, pick_and_place"),
+    "bench": Command("upkeep.bench", "measure the speed of a simulation step on this machine"),
+    "test": Command("upkeep.suite", "run the test suite (--quick: under two minutes)", True),
+    "completion": Command("completion", "have Tab complete in bash, zsh or fish"),
+}
+GROUPS = {
+    "start here": ("up", "demo", "scenes", "new", "doctor"),
+    "robots and parts": ("material", "mesh", "mjcf", "urdf", "workspace"),
+    "ROS": ("run", "topics"),
+    "recordings": ("record", "replay", "export", "report"),
+    "measure and fit": ("excite", "validate", "calibrate"),
+    "many runs": ("sweep", "optimise"),
+    "a real board": ("flash", "calibrate-servos"),
+    "this suite": ("bench", "test", "completion"),
+}
+"""Commands as the overview shows them; what is in none comes last."""
+
+EXIT_CODES = {
+    0: "done",
+    1: "refused or failed, said in a sentence",
+    2: "wrong usage",
+    124: "a time limit was reached (softsim test)",
+    130: "interrupted before it was done (Ctrl-C)",
 }
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
+_LINE = 100
+"""Columns of the overview."""
 
-def _overview() -> argparse.ArgumentParser:
-    width = max(map(len, COMMANDS))
-    lines = "\n".join(f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items())
-    parser = argparse.ArgumentParser(
-        prog="softsim",
-        usage="softsim COMMAND [options]",
-        description="Soft-robot simulation and control for ROS 2.",
-        epilog=f"commands:\n{lines}\n\nstart here: softsim up tripod\nmore on one: softsim COMMAND --help\n"
-        "./softsim makes its own Python environment the first time a command runs (about a minute, 1 GB).",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
-    return parser
+
+def _groups() -> dict[str, tuple[str, ...]]:
+    grouped = {name for names in GROUPS.values() for name in names}
+    more = tuple(name for name in COMMANDS if name not in grouped)
+    return {**GROUPS, "more": more} if more else GROUPS
+
+
+def _overview(whole: bool) -> str:
+    """What `softsim` says of itself: a newcomer's commands, the names of the others; or a line on each."""
+    colour, width = Colours(sys.stdout), max(map(len, COMMANDS))
+    (first, newcomers), *others = _groups().items()
+
+    def lines(names: tuple[str, ...]) -> list[str]:
+        return [f"  {colour('bold', f'{name:<{width}}')}  {COMMANDS[name].help}" for name in names]
+
+    told = ["usage: softsim COMMAND [options]", "", "Soft-robot simulation and control for ROS 2.", ""]
+    told += [f"{first}: softsim up tripod", *lines(newcomers), ""]
+    if whole:
+        for title, names in others:
+            told += [f"{title}:", *lines(names), ""]
+        told += ["exit codes:", *(f"  {code:<{width}}  {text}" for code, text in EXIT_CODES.items()), ""]
+    else:
+        indent = max(len(title) for title, _ in others) + 4
+        for title, names in others:
+            text = f"  {title + ':':<{indent - 2}}{', '.join(names)}"
+            told += textwrap.wrap(text, _LINE, subsequent_indent=" " * indent, drop_whitespace=False)
+        told += ["", "a line on each: softsim --help"]
+    told += ["more on one: softsim COMMAND --help", "which version: softsim --version"]
+    told += ["./softsim makes its own Python environment the first time a command runs (a minute, 1 GB)."]
+    return "\n".join(told)
 
 
 def _dispatch(words: Sequence[str]) -> int:
-    parser = _overview()
     if not words or words[0] in ("-h", "--help"):
-        parser.print_help()
+        print(_overview(whole=bool(words)))
         return 0
     name = words[0]
+    if name == "--version":
+        print(f"softsim {__version__}")
+        return 0
     if name not in COMMANDS:
-        parser.exit(EXIT_USAGE, f"softsim: unknown command '{name}'; known commands: {', '.join(COMMANDS)}\n")
+        from softsim_core.scene.files import known_scenes
+
+        near = known_names(name, COMMANDS, "known commands:", lists_all="softsim --help")
+        if scene := next(iter(nearest(name, known_scenes())), ""):
+            near += f"; to run the robot: softsim up {scene}"
+        print(f"softsim: unknown command '{name}'; {near}", file=sys.stderr)
+        return EXIT_USAGE
     command = COMMANDS[name]
     prepare_environment()
-    module = importlib.import_module(command.module)
-    own = argparse.ArgumentParser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
+    module = command.imported()
+    own = Parser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
     module.configure(own)
     if command.passes_on:
         arguments, rest = own.parse_known_args(words[1:])
@@ -117,14 +161,22 @@ def main(words: Sequence[str] | None = None) -> int:
         words: Command line without the program's name; None takes the process's own.
 
     Returns:
-        Exit code: 0 done, 1 an error that was said in one sentence, 2 wrong usage, 130 interrupted.
+        Exit code, see EXIT_CODES.
     """
+    if ASKED in os.environ:
+        complete(COMMANDS)
     ending.watch()
     try:
         with ending.interruptible():
             code = _dispatch(sys.argv[1:] if words is None else words)
     except SoftSimError as error:
-        print(f"softsim: {error}", file=sys.stderr)
+        print(f"{Colours(sys.stderr)('red', 'softsim:')} {error}", file=sys.stderr)
+        code = 1
+    except ModuleNotFoundError as error:  # of a package that only an extra brings
+        sentence = what_is_missing(error)
+        if sentence is None:
+            raise
+        print(f"{Colours(sys.stderr)('red', 'softsim:')} {sentence}; see softsim doctor", file=sys.stderr)
         code = 1
     except KeyboardInterrupt:
         print("softsim: interrupted", file=sys.stderr)

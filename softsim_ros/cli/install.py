@@ -7,6 +7,7 @@ shows what it is doing: a line per stage, with a moving last line in a terminal.
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import fcntl
 import os
@@ -17,12 +18,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-EXTRAS = (
-    "test,viewer,recording,report,c3d,mesh"  # of pyproject.toml, on every machine; ros where its wheels fit
-)
+EXTRAS = "test,viewer,recording,report,c3d,mesh,arm,completion"  # on every machine; ros where its wheels fit
 NEEDED_BYTES = 1_500_000_000  # measured: 1.1 GB on disk, and the wheels pass through a cache
 TAIL_LINES, TAIL_COLUMNS = 15, 200
 BEAT_S = 0.2  # of the moving line in a terminal
@@ -37,8 +36,11 @@ CAUSES = (  # what an installer's log says -> what a person can do
     (
         r"name resolution|Name or service not known|Network is unreachable|NewConnectionError|ConnectionError"
         r"|Connection refused|Connection reset|timed? ?out|dns error|error sending request|ProxyError"
-        r"|Could not fetch URL|--no-index|network was disabled",
-        "the package index cannot be reached; connect to the network (or set up pip's proxy) and start again",
+        r"|Could not fetch URL|--no-index|network was disabled|ConnectError|IncompleteRead|Connection broken"
+        r"|IncompleteDownload|Wheel '.+' located at .+ is invalid|Failed to read from zip"  # half a file
+        r"|end of file|error decoding",
+        "the package index cannot be reached, or breaks off; connect to the network (or set up pip's proxy) "
+        "and start again",
     ),
     (
         r"Permission denied|Errno 13|Read-only file system|Errno 30",
@@ -52,8 +54,34 @@ CAUSES = (  # what an installer's log says -> what a person can do
 )
 
 
+HOPELESS = 3
+"""After a failure for one of the first so many causes, another installer fails as well."""
+
+OF_UV = {  # option of pip -> variable of uv
+    "index-url": "UV_DEFAULT_INDEX",
+    "extra-index-url": "UV_INDEX",
+    "find-links": "UV_FIND_LINKS",
+    "trusted-host": "UV_INSECURE_HOST",
+    "timeout": "UV_HTTP_TIMEOUT",
+    "default-timeout": "UV_HTTP_TIMEOUT",
+    "proxy": "HTTPS_PROXY",
+    "cert": "SSL_CERT_FILE",
+}
+
+WITHOUT_UV = "SOFTSIM_WITHOUT_UV"
+"""Set to 1, pip installs, also where uv could be fetched."""
+
+
 class InstallError(RuntimeError):
-    """The environment could not be made; the text says why and what to do."""
+    """The environment could not be made; the text says why and what to do.
+
+    Attributes:
+        is_hopeless: Another installer would fail, too: no network, no room, no right to write.
+    """
+
+    def __init__(self, sentence: str, is_hopeless: bool = True) -> None:
+        super().__init__(sentence)
+        self.is_hopeless = is_hopeless
 
 
 def ros_wheels_fit() -> str | None:
@@ -71,11 +99,16 @@ def ros_wheels_fit() -> str | None:
 
 def likely_cause(log: str) -> str:
     """One sentence on why an installer failed, from its log (its last 200 lines)."""
+    number = _cause(log)
+    return "see the lines above" if number is None else CAUSES[number][1]
+
+
+def _cause(log: str) -> int | None:
     recent = "\n".join(log.splitlines()[-200:])
-    for pattern, sentence in CAUSES:
+    for number, (pattern, _) in enumerate(CAUSES):
         if re.search(pattern, recent, re.IGNORECASE):
-            return sentence
-    return "see the lines above"
+            return number
+    return None
 
 
 class Stages:
@@ -87,8 +120,10 @@ class Stages:
         self.terminal = sys.stderr.isatty()
         self.log.write_text("", encoding="utf-8")
 
-    def run(self, title: str, command: Sequence[str | Path]) -> None:
-        """Run one program to its end.
+    def run(
+        self, title: str, command: Sequence[str | Path], variables: Mapping[str, str] | None = None
+    ) -> None:
+        """Run one program to its end, with more variables in its environment.
 
         Raises:
             InstallError: it failed; the message carries the likely cause and the log's place.
@@ -106,7 +141,12 @@ class Stages:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env=os.environ | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"},
+                env={
+                    **os.environ,
+                    "PYTHONUNBUFFERED": "1",
+                    "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+                    **(variables or {}),
+                },
             )
             try:
                 self._watch(child, head, began)
@@ -121,7 +161,11 @@ class Stages:
             text = self.log.read_bytes()[before:].decode(errors="replace")
             for line in text.splitlines()[-TAIL_LINES:]:
                 print(f"    {line[:TAIL_COLUMNS]}", file=sys.stderr)
-            raise InstallError(f"{likely_cause(text)} (all of its output: {self.log})")
+            number = _cause(text)
+            raise InstallError(
+                f"{likely_cause(text)} (all of its output: {self.log})",
+                number is not None and number < HOPELESS,
+            )
 
     def _watch(self, child: subprocess.Popen[bytes], head: str, began: float) -> None:
         self._say(f"{head} ...", last=not self.terminal)
@@ -175,48 +219,113 @@ def only_one(home: Path) -> Iterator[None]:
         yield
 
 
+def pip_settings(python: str | Path) -> dict[str, str]:
+    """What pip is told by its files and variables, by the name of the option; of no pip its variables."""
+    done = subprocess.run(
+        [str(python), "-m", "pip", "config", "list"], capture_output=True, text=True, check=False
+    )
+    settings: dict[str, str] = {}
+    for section in ("global", "install", ":env:"):  # the later ones win
+        for line in done.stdout.splitlines():
+            name, _, value = line.partition("=")
+            if name.startswith(f"{section}."):
+                with contextlib.suppress(ValueError, SyntaxError):
+                    settings[name[len(section) + 1 :]] = str(ast.literal_eval(value))
+    if done.returncode:
+        for name, value in os.environ.items():
+            if name.startswith("PIP_") and value:
+                settings[name[4:].lower().replace("_", "-")] = value
+    return settings
+
+
+def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
+    """The variables that have uv ask the same index in the same way as pip; those of the person win."""
+    told = {variable: " ".join(pip[option].split()) for option, variable in OF_UV.items() if pip.get(option)}
+    if "UV_INDEX" in told:
+        told["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip: whichever index has the pinned version
+    if "UV_FIND_LINKS" in told:
+        told["UV_FIND_LINKS"] = told["UV_FIND_LINKS"].replace(" ", ",")
+    if "HTTPS_PROXY" in told:
+        told["HTTP_PROXY"] = told["HTTPS_PROXY"]
+    return {variable: value for variable, value in told.items() if not os.environ.get(variable)}
+
+
+def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path], dict[str, str]] | None:
+    """Command and variables of uv: of the PATH, else fetched into the environment; None: plain pip has to do.
+
+    Raises:
+        InstallError: it cannot be fetched, and pip could fetch nothing either.
+    """
+    uv: str | Path | None = shutil.which("uv")
+    if uv is None and os.environ.get(WITHOUT_UV, "0") in ("", "0"):
+        uv = python.with_name("uv")
+        fetch: list[str | Path] = [python, "-m", "pip", "install", "--no-input", "-c", pins, "uv"]
+        try:
+            stages.run("Fetching the installer (uv)", fetch)
+        except InstallError as error:
+            if error.is_hopeless:
+                raise
+            print("softsim: uv cannot be had here; pip does it, more slowly", file=sys.stderr)
+            uv = None
+    else:
+        stages.number += 1
+    if uv is None:
+        return None
+    own = python if not shutil.which("uv") else sys.executable  # an environment that uv made has no pip
+    settings = pip_settings(own)
+    command: list[str | Path] = [uv, "pip", "install", "--python", python]
+    if settings.get("no-index", "").lower() in ("1", "true", "yes", "on"):
+        command.append("--no-index")
+    return command, uv_variables(settings)
+
+
 def make_environment(root: Path, home: Path, stages: Stages, extras: str) -> None:
     """Build `home/venv` and install the checkout at `root` into it, editable, with pinned versions."""
-    venv = home / "venv"
+    venv, pins = home / "venv", root / "constraints.txt"
     python = venv / "bin" / "python"
-    uv = shutil.which("uv")
     if not python.exists():
+        uv = shutil.which("uv")
         maker = [uv, "venv", "--python", sys.executable] if uv else [sys.executable, "-m", "venv"]
         stages.run(f"Making a Python {platform.python_version()} environment in {venv}", [*maker, venv])
     else:
         stages.number += 1
-    pip: list[str | Path] = [uv, "pip"] if uv else [python, "-m", "pip"]
-    into: list[str | Path] = ["--python", python] if uv else ["--no-input"]
-    pinned = [*pip, "install", *into, "-c", root / "constraints.txt"]
-    stages.run("Installing the build tool", [*pinned, "setuptools"])
-    stages.run(
-        "Installing softsim and what it needs (about 300 MB to fetch)",
-        [*pinned, "--no-build-isolation", "-e", f"{root}[{extras}]"],
-    )
-    try:
-        stages.run("Compiling the physics kernels", [python, "-m", "softsim_core.warmup"])
-    except InstallError as error:  # slower, not broken: they compile when first used, or the SciPy path runs
-        print(f"softsim: the kernels are left for their first use: {error}", file=sys.stderr)
+    wanted = [["setuptools"], ["--no-build-isolation", "-e", f"{root}[{extras}]"]]
+    titles = ["Installing the build tool", "Installing softsim and what it needs (about 300 MB to fetch)"]
+    pip: list[str | Path] = [python, "-m", "pip", "install", "--no-input"]
+    found = installer(python, stages, pins)
+    for title, words in zip(titles, wanted, strict=True):
+        command, variables = found or (pip, {})
+        try:
+            stages.run(title, [*command, "-c", pins, *words], variables)
+        except InstallError as error:
+            if found is None or error.is_hopeless or not python.with_name("pip").exists():
+                raise
+            print("softsim: uv did not manage; trying pip", file=sys.stderr)
+            found, stages.number = None, stages.number - 1
+            stages.run(title, [*pip, "-c", pins, *words])
 
 
 def install(root: Path, home: Path, stamp: str) -> None:
     """Bring the environment to `stamp`; does nothing where another process has just done it.
 
+    What fails or is interrupted while the environment is made leaves none behind; one that was only to be
+    changed is made anew by the next start.
+
     Raises:
         InstallError: with a sentence on what to do.
     """
     home.mkdir(parents=True, exist_ok=True)
-    stamp_file, unfinished = home / "stamp", home / "unfinished"
+    stamp_file, unfinished, venv = home / "stamp", home / "unfinished", home / "venv"
     with only_one(home):
         made = stamp_file.read_text(encoding="utf-8").rstrip("\n") if stamp_file.exists() else ""
-        python_runs = os.access(home / "venv" / "bin" / "python", os.X_OK)
+        python_runs = os.access(venv / "bin" / "python", os.X_OK)
         if made == stamp and python_runs:
             return
         same_place = made.split("|")[1:] == stamp.split("|")[1:]
         if not same_place or not python_runs or unfinished.exists():
-            shutil.rmtree(home / "venv", ignore_errors=True)
-        free = shutil.disk_usage(home).free
-        if not (home / "venv").exists() and free < NEEDED_BYTES:
+            shutil.rmtree(venv, ignore_errors=True)
+        free, anew = shutil.disk_usage(home).free, not venv.exists()
+        if anew and free < NEEDED_BYTES:
             raise InstallError(
                 f"{home} has {free / 1e9:.1f} GB free and the environment needs about "
                 f"{NEEDED_BYTES / 1e9:.1f} GB; free some, or put it elsewhere with SOFTSIM_HOME=/other/disk"
@@ -232,8 +341,15 @@ def install(root: Path, home: Path, stamp: str) -> None:
         unfinished.touch()
         stamp_file.unlink(missing_ok=True)
         extras = EXTRAS if missing else f"ros,{EXTRAS}"
-        make_environment(root, home, Stages(home / "install.log", total=4), extras)
-        stamp_file.write_text(stamp + "\n", encoding="utf-8")
+        try:
+            make_environment(root, home, Stages(home / "install.log", total=4), extras)
+            whole = home / "stamp.new"  # a stamp is there whole or not at all, whatever happens now
+            whole.write_text(stamp + "\n", encoding="utf-8")
+            whole.replace(stamp_file)
+        except BaseException:
+            if anew:
+                shutil.rmtree(venv, ignore_errors=True)
+            raise
         unfinished.unlink()
 
 

@@ -15,7 +15,7 @@ from softsim_core.errors import SoftSimError, listing
 from softsim_core.scene import RobotDescription, load_scene
 from softsim_node.environment import prepare_environment
 from softsim_node.sentences import sentence_of
-from softsim_ros.client.discovery import running_robots
+from softsim_ros.client.discovery import running_robot, running_robots
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.client.services import Outcome
 from softsim_ros.client.state import RobotState
@@ -28,6 +28,8 @@ SIMULATOR_WITHIN_S: Final = 4.0
 LOOK_PERIOD_S: Final = 0.1
 DONE_WITHIN_S: Final = 90.0
 """An action ends within this time in [s]; the client itself gives up calls without an answer earlier."""
+
+START_ONE: Final = "start one with `softsim up tripod` in another terminal"
 
 
 class ClientError(SoftSimError):
@@ -139,7 +141,7 @@ def _words(state: RobotState) -> str:
 
 @contextmanager
 def connect(
-    robot: str | os.PathLike[str] | RobotDescription,
+    robot: str | os.PathLike[str] | RobotDescription | None = None,
     *,
     namespace: str | None = None,
     domain: int | None = None,
@@ -149,7 +151,7 @@ def connect(
     """Connect a script to a running robot for the `with` block.
 
     Args:
-        robot: Name or path of the robot, or the robot itself.
+        robot: Name or path of the robot, or the robot itself; None: the one that runs.
         namespace: Where it runs; None: the robot's own name.
         domain: ROS domain; None: that of the environment.
         say: Called with sentences for the person, such as `print`.
@@ -157,9 +159,15 @@ def connect(
 
     Raises:
         SoftSimError: the robot is not known.
-        ClientError: no joints of it were heard in time.
+        RobotChoiceError: `robot` is None, and several run.
+        ClientError: none runs, or no joints of it were heard in time.
     """
     prepare_environment()
+    if robot is None:
+        found = running_robot(namespace, domain, within_s)
+        if found is None:
+            raise ClientError(f"no robot runs; {START_ONE}")
+        robot, namespace = found
     scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
     context = Context()
     context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)
@@ -196,6 +204,5 @@ def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) 
     except ClientError as error:
         found = listing(running_robots(node))
         raise ClientError(
-            f"no robot answers in {node.get_namespace()} within {within_s:g} s; running: {found}; "
-            "start one with `softsim up tripod` in another terminal"
+            f"no robot answers in {node.get_namespace()} within {within_s:g} s; running: {found}; {START_ONE}"
         ) from error

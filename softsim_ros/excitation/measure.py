@@ -30,7 +30,7 @@ from softsim_core.identification.excitation import (
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.excitation.errors import ExcitationError
 from softsim_ros.excitation.player import Player
-from softsim_ros.excitation.readings import Readings, times_of
+from softsim_ros.excitation.readings import Readings, not_before, times_of
 from softsim_ros.excitation.rows import drifts, rings_from, told_at, whole
 from softsim_ros.excitation.sensors import IMU, SIMULATED, Sensor
 from softsim_ros.excitation.set_folder import SetFolder
@@ -176,19 +176,14 @@ class Measurement:
 
     def _look(self) -> Array:
         counts = [len(each.readings) for each in self._sensors]
-        told = len(self._player.joints)
+        told, begin = len(self._player.joints), self._player.joints.newest
         for _ in range(TRIES):
             self._player.wait(self._looks.hold_s)
-            fewest = min(
-                len(each.readings) - count for each, count in zip(self._sensors, counts, strict=True)
-            )
-            if min(fewest, len(self._player.joints) - told) >= FEWEST:
+            series = [each.readings.since(count) for each, count in zip(self._sensors, counts, strict=True)]
+            commands, *numbers = not_before(begin, [self._player.joints.since(told), *series])
+            if min(map(len, [commands, *numbers])) >= FEWEST:
                 break
-        seen = [
-            whole(each.in_units(each.readings.since(count)[2]))
-            for each, count in zip(self._sensors, counts, strict=True)
-        ]
-        commands = self._player.joints.since(told)[2]
+        seen = [whole(each.in_units(said)) for each, said in zip(self._sensors, numbers, strict=True)]
         if not len(commands) or any(len(each) < FEWEST for each in seen):
             few = min(map(len, [commands, *seen]))
             raise ExcitationError(

@@ -29,6 +29,10 @@ FIRST_WITHIN_S: Final = 5.0
 SHIFTED: Final = 1e-6
 KEEPS_UP: Final = 0.95
 DEPTH: Final = 500
+LATE_S: Final = 5.0
+"""A simulated robot has heard the last command of a way within this time of its own, in [s]."""
+ARRIVED: Final = 1e-6
+"""A joint that is so near to its command, in [rad] or [m], is there."""
 
 
 class MeasurementInterruptedError(ExcitationError):
@@ -176,8 +180,17 @@ class Player:
         self.wait(self._period_s)
 
     def go(self, goal: Array) -> None:
-        """Go to a pose (j,) with the share of the limits that is asked for; raises as `play`."""
+        """Go to a pose (j,) with the share of the limits that is asked for; raises as `play`.
+
+        A simulated robot is waited for, LATE_S at most: on a busy computer it may hear of the way late.
+        """
         self.play(way(self.command, goal, self._room, self._settings.speed, self._period_s))
+        begin = self._now
+        while not self.real and self._now - begin < LATE_S:
+            _, _, told = self.joints.since(len(self.joints) - 1)
+            if np.abs(told[-1] - self.command).max(initial=0.0) <= ARRIVED:
+                break
+            self.wait(self._period_s)
 
     def leave(self) -> str:
         """Go home whatever was asked for; returns why not, in a sentence, or nothing."""

@@ -68,3 +68,21 @@ def times_of(all_readings: Sequence[tuple[Array, Array]]) -> list[Array]:
     ahead = [float(np.median(stamps - arrivals)) for stamps, arrivals in all_readings]
     one_clock = max(ahead) - min(ahead) < ONE_CLOCK_S
     return [stamps if one_clock else arrivals for stamps, arrivals in all_readings]
+
+
+def not_before(begin: float | None, all_readings: Sequence[tuple[Array, Array, Array]]) -> list[Array]:
+    """The numbers (k, n) of topics without what was so before `begin`.
+
+    A topic that is behind says for a while what was before; its stamps tell, where all are of one clock.
+
+    Args:
+        begin: By the stamps of the first topic, in [s]; None: not known.
+        all_readings: Stamps, arrivals and numbers of each topic, see Readings.since.
+    """
+    numbers = [each[2] for each in all_readings]
+    if begin is None or not all(map(len, numbers)):
+        return numbers
+    times = times_of([(stamps, arrivals) for stamps, arrivals, _ in all_readings])
+    if not np.array_equal(times[0], all_readings[0][0]):
+        return numbers
+    return [said[when >= begin] for said, when in zip(numbers, times, strict=True)]

@@ -1,4 +1,4 @@
-"""The command topic while inverse control is on: what goes out, and who else writes."""
+"""The command topic while a controller is on: what goes out, and who else writes."""
 
 from __future__ import annotations
 
@@ -25,11 +25,19 @@ class CommandsOut:
 
     Args:
         node: Owner of the publisher and the subscription.
-        on_foreign: Called in the node's executor for every command that is not one of ours.
+        writer: The controller, as a sentence names it.
+        is_on: Whether it is on.
+        refuse: Called in the node's executor with one sentence for every command of others while it is on.
+
+    Attributes:
+        foreign: How many these were.
     """
 
-    def __init__(self, node: Node, on_foreign: Callable[[], None]) -> None:
-        self._on_foreign = on_foreign
+    def __init__(
+        self, node: Node, writer: str, is_on: Callable[[], bool], refuse: Callable[[str], None]
+    ) -> None:
+        self._writer, self._is_on, self._refuse = writer, is_on, refuse
+        self.foreign = 0
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
         self._publisher = node.create_publisher(Float64MultiArray, TOPIC, NEWEST_ONLY)
         all_of_them = QoSProfile(depth=REMEMBERED)  # ours come back: they must not push out one of another's
@@ -43,5 +51,9 @@ class CommandsOut:
         self._publisher.publish(data)
 
     def _on_command(self, data: bytes) -> None:
-        if data not in tuple(self._own):
-            self._on_foreign()
+        if data not in tuple(self._own) and self._is_on():
+            self.foreign += 1
+            self._refuse(
+                f"somebody else writes {TOPIC} while {self._writer} is on: one writer at a time; stop it, or "
+                f"disable {self._writer}"
+            )

@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool
 from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, SceneError, SoftSimError
+from softsim_core.errors import CommandError, SceneError
 from softsim_core.inverse.controller import InverseController
 from softsim_core.mechanics.pose import Pose
 from softsim_node.ending import ending
@@ -26,6 +26,7 @@ from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters
 from softsim_node.process import run_node
 from softsim_ros.frames import WORLD
+from softsim_ros.inverse import answers
 from softsim_ros.inverse.commands_out import CommandsOut
 from softsim_ros.inverse.control_thread import ControlThread
 from softsim_ros.inverse.goals import checked_pose, unit_quaternion
@@ -34,7 +35,7 @@ from softsim_ros.inverse.parameters import ControllerSettings
 from softsim_ros.inverse.plant import SILENT_AFTER_S
 from softsim_ros.inverse.robot import world_frames
 from softsim_ros.inverse.simulated_robot import SimulatedRobot
-from softsim_ros.joint_reader import JointReader
+from softsim_ros.joint_reader import JointReader, JointStates
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
@@ -75,10 +76,8 @@ class InverseControl(RobotNode):
         self.get_logger().info(f"building the model of {robot.name}")
         self._goal_frames = world_frames(self.frames)
         self._joint_reader = JointReader(robot.joints, self.refuse)
-        self._joint_states_at = -np.inf
-        self._foreign_commands = 0
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
-        self._commands = CommandsOut(self, self._on_foreign_command)
+        self._commands = CommandsOut(self, "inverse control", lambda: self._enabled, self.refuse)
         self._model_pose = self.create_publisher(PoseStamped, "~/model_pose", NEWEST_ONLY)
         self._control = ControlThread(
             ending.abandonable(lambda: InverseController(robot, robot.inverse)),
@@ -89,14 +88,13 @@ class InverseControl(RobotNode):
             self._ended,
         )
         self._control.feedback = start.feedback
-        self.create_subscription(JointState, "joint_states", self._on_joint_states, NEWEST_ONLY)
-        self.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+        JointStates(self, SILENT_AFTER_S, self._measure)
         self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
         self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
         self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
         SimulatedRobot(self, self._on_other_robot, self.refuse)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
-        self.create_service(SetBool, "~/enable", self._on_enable)
+        self.create_service(SetBool, "~/enable", answers.switch(self.enable))
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
         self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
@@ -122,14 +120,6 @@ class InverseControl(RobotNode):
         return self.control.is_alive and self.control.status.mode != "off"
 
     # --- the robot ------------------------------------------------------------------------------------
-
-    def _on_joint_states(self, message: JointState) -> None:
-        self._joint_states_at = time.monotonic()
-        self._measure(message)
-
-    def _on_applied(self, message: JointState) -> None:
-        if time.monotonic() - self._joint_states_at > SILENT_AFTER_S:  # nobody measures: a bare robot
-            self._measure(message)
 
     def _measure(self, message: JointState) -> None:
         where = self._joint_reader.read(message)
@@ -185,28 +175,21 @@ class InverseControl(RobotNode):
                 raise
             # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
 
-    def _on_foreign_command(self) -> None:
-        if self.control.status.mode != "off":
-            self._foreign_commands += 1
-            self.refuse(
-                "somebody else writes position_controller/commands while inverse control is on: one writer "
-                "at a time; stop it, or disable inverse control"
-            )
+    def enable(self, enabled: bool) -> str:
+        """Control the effector from the next tick on, or free the command topic; returns a sentence.
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        Raises:
+            SoftSimError: see ControlThread.enable.
+        """
         try:
-            if request.data:
-                self.control.enable(self._live.values.base_shift)
-                response.message = "on: the effector stays where it is until a goal comes"
-            else:
+            if not enabled:
                 self.control.disable()
-                response.message = "off: the command topic is free"
-            response.success = True
-        except SoftSimError as error:
-            response.success, response.message = False, str(error)
-        self._state_topics.refresh()
-        self._report()
-        return response
+                return "off: the command topic is free"
+            self.control.enable(self._live.values.base_shift)
+            return "on: the effector stays where it is until a goal comes"
+        finally:
+            self._state_topics.refresh()
+            self._report()
 
     # --- parameters, words ----------------------------------------------------------------------------
 
@@ -226,7 +209,7 @@ class InverseControl(RobotNode):
     def _report(self) -> None:
         control = self.control
         level, sentence, values = health(
-            control.status, control.is_alive, control.feedback, self._foreign_commands
+            control.status, control.is_alive, control.feedback, self._commands.foreign
         )
         self._publish_health(level, sentence, values)
 

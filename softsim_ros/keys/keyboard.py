@@ -52,6 +52,8 @@ class Keyboard:
             "pause": client.simulator.toggle_pause,
             "inverse": client.inverse.toggle,
             "send": client.bridge.toggle,
+            "e_stop": client.bridge.e_stop,
+            "clear_e_stop": client.bridge.clear_e_stop,
         }
 
     def press(self, key: KeyPress, now: float) -> None:

@@ -136,7 +136,7 @@ def _unbound(keys: KeyState, robot: RobotDescription, key: KeyPress, held: bool)
 def _action(keys: KeyState, key: KeyPress, action: Action, held: bool) -> Pressed:
     if action == "quit":
         return Pressed(keys, Quit())
-    if held:  # a held key must not switch something on and off
+    if held and action != "e_stop":  # a held key must not switch something on and off
         return Pressed(keys)
     return Pressed(keys, CallAction(action), f"{key}: {action} ...")
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from softsim_core.errors import listing
-from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.control import Action, KeyBinding
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.keys.names import KEY_NAMES
 
@@ -18,6 +18,12 @@ BUILT_IN: Final[Mapping[str, KeyBinding]] = {
     "x": KeyBinding(action="quit", help="quit"),
 }
 """Keys every robot has unless its file binds them to something else."""
+
+STOP_KEYS: Final[Mapping[str, KeyBinding]] = {
+    "enter": KeyBinding(action="e_stop", help="E-STOP"),
+    "e": KeyBinding(action="clear_e_stop", help="release the e-stop"),
+}
+"""Those of every robot with a servo board; the first is large, and known without looking."""
 
 GOAL_STEP_M: Final = 0.002
 """How far one press moves the goal, in [m]."""
@@ -46,7 +52,13 @@ TILT_KEYS: Final[Mapping[str, str]] = {
 
 def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
     """All bindings of a robot: its own, then the built-in ones it leaves free."""
-    return {**robot.keys, **{key: binding for key, binding in BUILT_IN.items() if key not in robot.keys}}
+    every = {**BUILT_IN, **(STOP_KEYS if robot.board else {})}
+    return {**robot.keys, **{key: binding for key, binding in every.items() if key not in robot.keys}}
+
+
+def key_of(robot: RobotDescription, action: Action) -> str | None:
+    """The key that a robot has for an action."""
+    return next((key for key, binding in key_table(robot).items() if binding.action == action), None)
 
 
 def unknown_keys(robot: RobotDescription) -> str | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,10 +12,9 @@ from softsim_core.errors import CommandError
 from softsim_core.scene.location import Place
 from softsim_core.scene.portable import read_description
 from softsim_core.scene.robot import RobotDescription
+from softsim_ros.messages import checks
 
 LONGEST_TEXT: Final = 8_000_000
-MOST_NAMES: Final = 5000
-LONGEST_NAME: Final = 300
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class SceneMessage:
         overrides: YAML text of what is laid over its file.
         frames: Names in the order of the topic `frames`.
         bodies: `name`, `points`, `triangles`, `nodes`, `colour` of each.
-        zones: `name` and `nodes` of each rigid zone.
+        regions: `name` and `nodes` of each rigid region.
         scenes: Names of the scenes that the simulator can load.
         places: Where the parts of the scene are written, see `places_of`.
         checksums: Of the meshes that belong to this scene, by their topics, see `mesh_checksum`.
@@ -40,7 +38,7 @@ class SceneMessage:
     overrides: str = ""
     frames: tuple[str, ...] = ()
     bodies: tuple[Mapping[str, Any], ...] = ()
-    zones: tuple[Mapping[str, Any], ...] = ()
+    regions: tuple[Mapping[str, Any], ...] = ()
     scenes: tuple[str, ...] = ()
     places: Mapping[str, Place] = field(default_factory=dict)
     checksums: Mapping[str, int] = field(default_factory=dict)
@@ -64,18 +62,21 @@ def read_scene_message(text: str) -> SceneMessage:
     except (ValueError, RecursionError) as error:
         raise CommandError(f"scene refused: no JSON ({type(error).__name__})") from error
     try:
-        places = {_text(key): _place(place) for key, place in dict(data["places"]).items()}
+        places = {checks.text(key): _place(place) for key, place in dict(data["places"]).items()}
         source = Path(places[""][0]) if "" in places else None
         return SceneMessage(
-            generation=_whole(data["generation"]),
-            robot=replace(read_description(_text(data["description"])), source=source),
-            overrides=_text(data["overrides"]),
-            frames=tuple(map(_name, _list(data["frames"]))),
-            bodies=tuple(map(_body, _list(data["bodies"]))),
-            zones=tuple(map(_zone, _list(data["zones"]))),
-            scenes=tuple(map(_name, _list(data["scenes"]))),
+            generation=checks.whole(data["generation"]),
+            robot=replace(read_description(checks.text(data["description"])), source=source),
+            overrides=checks.text(data["overrides"]),
+            frames=tuple(map(checks.name, checks.listed(data["frames"]))),
+            bodies=tuple(map(_body, checks.listed(data["bodies"]))),
+            regions=tuple(map(_region, checks.listed(data["regions"]))),
+            scenes=tuple(map(checks.name, checks.listed(data["scenes"]))),
             places=places,
-            checksums={_text(key): _whole(number) for key, number in dict(data.get("checksums", {})).items()},
+            checksums={
+                checks.text(key): checks.whole(number)
+                for key, number in dict(data.get("checksums", {})).items()
+            },
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         if isinstance(error, CommandError):
@@ -90,16 +91,16 @@ def _body(data: Any) -> dict[str, Any]:
     if len(colour) != 4 or not all(0.0 <= channel <= 1.0 for channel in colour):
         raise ValueError("colour")
     spans = {key: _span(data[key]) for key in ("points", "triangles", "nodes")}
-    return {"name": _name(data["name"]), "colour": tuple(colour), **spans}
+    return {"name": checks.name(data["name"]), "colour": tuple(colour), **spans}
 
 
-def _zone(data: Any) -> dict[str, Any]:
-    return {"name": _name(data["name"]), "nodes": [_whole(node) for node in data["nodes"]]}
+def _region(data: Any) -> dict[str, Any]:
+    return {"name": checks.name(data["name"]), "nodes": [checks.whole(node) for node in data["nodes"]]}
 
 
 def _span(value: Any) -> tuple[int, int]:
     """First and end index."""
-    begin, end = map(_whole, value)
+    begin, end = map(checks.whole, value)
     if end < begin:
         raise ValueError("span")
     return begin, end
@@ -107,31 +108,4 @@ def _span(value: Any) -> tuple[int, int]:
 
 def _place(value: Any) -> Place:
     file, line = value
-    return _text(file), _whole(line)
-
-
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list) or len(value) > MOST_NAMES:
-        raise TypeError(f"a list of at most {MOST_NAMES}")
-    return value
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError("text")
-    return value
-
-
-def _name(value: Any) -> str:
-    """A name that can be one of viser's nodes and options, too."""
-    text = _text(value)
-    if not 0 < len(text) <= LONGEST_NAME or not text.isprintable() or ".." in text:
-        raise ValueError("name")
-    return text
-
-
-def _whole(value: Any) -> int:
-    """A whole number >= 0."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < math.inf:
-        raise TypeError("a whole number")
-    return value
+    return checks.text(file), checks.whole(line)

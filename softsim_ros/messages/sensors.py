@@ -14,6 +14,7 @@ from softsim_core.arrays import Array
 from softsim_core.sensing import (
     CableSensorDescription,
     ChamberSensorDescription,
+    ForceTorqueDescription,
     ImuDescription,
     MarkersDescription,
     SensorReading,
@@ -120,6 +121,7 @@ def numbers(_: Header, reading: SensorReading) -> Float64MultiArray:
 
 KINDS: Final[dict[type[SimulatedSensorDescription], tuple[Told, ...]]] = {
     WrenchSensorDescription: (Told("", WrenchStamped, wrench),),
+    ForceTorqueDescription: (Told("", WrenchStamped, wrench),),
     TactileArrayDescription: (Told("", Image, tactile_image),),
     StrainSensorDescription: (Told("", Float64, number),),
     ImuDescription: (Told("", Imu, imu),),

@@ -27,6 +27,7 @@ STATE_TOPICS: Final[Mapping[str, type]] = {
     "path_follower/file": String,
     "closed_loop/enabled": Bool,
     "closed_loop/reference": Vector3,
+    "policy/enabled": Bool,
     "observer/touched": Bool,
     "observer/verdict": String,
     "recorder/enabled": Bool,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from softsim_core.scene.view import ViewSettings
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.surface_frames import SURFACE, MeshFrame, mesh_frames
@@ -47,8 +48,8 @@ def html_replay(bag: Bag, *, stress: bool = True) -> str:
         _look_at(server, frames[0])
         layers = _layers(bag, scene)
         surface = SurfaceView(scene, lambda mesh: None)
-        surface.by_stress = stress
-        surface.top_stress = max(float(frame.von_mises.max(initial=0.0)) for frame in frames)
+        top = max(float(frame.von_mises.max(initial=0.0)) for frame in frames)
+        surface.obey(ViewSettings(stress=stress, stress_top=top or None))
         recording = server.get_scene_serializer()
         shown: MeshFrame | None = None
         for frame in frames:

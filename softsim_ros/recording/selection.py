@@ -7,9 +7,9 @@ from collections.abc import Sequence
 SHARED = ("/diagnostics", "/tf", "/tf_static", "/clock")
 """Topics that all robots share."""
 
-LEFT_OUT = ("mesh/marker", "step_profile", "recorder/enabled")
+LEFT_OUT = ("mesh/marker", "step_profile", "recorder/enabled", "scene/edit", "scene/proposal")
 """Not recorded unless asked for: made from mesh/points, at five times the size; each step ten times over; the
-recorder's own state."""
+recorder's own state; edits of the scene's file."""
 
 
 class Selection:

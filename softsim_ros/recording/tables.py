@@ -9,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import DataError, listing
+from softsim_core.errors import DataError
 from softsim_core.identification.readers import READERS
 from softsim_core.identification.table import Table
+from softsim_core.wrong_names import known_names
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import TooLongError, flat, joint_row
 
@@ -67,7 +68,9 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
 def _series(bag: Bag, topic: str, wanted: list[str]) -> tuple[Any, dict[str, Array]]:
     """Stamps in [ns] and values of the fields of a topic's messages; nan where a message has none."""
     if topic not in bag.topics:
-        raise DataError(bag.path, f"topic {topic}", f"is not there; there are {listing(sorted(bag.topics))}")
+        raise DataError(
+            bag.path, f"topic {topic}", f"is not there; {known_names(topic, sorted(bag.topics), 'there are')}"
+        )
     stamps, values = [], []
     known: dict[str, Any] = {}
     for stamp, row in _rows(bag, topic):
@@ -76,7 +79,9 @@ def _series(bag: Bag, topic: str, wanted: list[str]) -> tuple[Any, dict[str, Arr
         values.append([row.get(field, np.nan) for field in wanted])
     for field in wanted:
         if field not in known:
-            raise DataError(bag.path, f"column {topic}:{field}", f"is not there; there are {listing(known)}")
+            raise DataError(
+                bag.path, f"column {topic}:{field}", f"is not there; {known_names(field, known, 'there are')}"
+            )
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:

@@ -13,6 +13,7 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
 from softsim_core.simulation import Simulation
+from softsim_ros.simulator.led_joints import LedJoints
 
 TAKEN_OVER: Final = "another command took over"
 
@@ -66,6 +67,7 @@ class Commanded:
         on_refusal: Called in that thread with the sentence of a refused command.
 
     Attributes:
+        led: Joints that somebody else moves: whatever is commanded, they go where they are led.
         clamped: Commands that were moved to the limits, in all.
         refused: Commands that the simulation refused, in all.
     """
@@ -78,6 +80,7 @@ class Commanded:
         self._delay = 0.0
         self._course: _Course | None = None
         self._leaving: list[tuple[Follower, str]] = []
+        self.led = LedJoints()
         self.clamped = self.refused = 0
 
     # --- from any thread ------------------------------------------------------------------------------
@@ -136,6 +139,8 @@ class Commanded:
                 if self._course is not None and self._course.follower is follower:
                     self._end(reason)
             self._go_on(simulation)
+            if led := self.led.advance(simulation):
+                simulation.command(_laid_over(simulation, None, _within(simulation, led)))
         except CommandError as error:
             self._end(str(error))
             self.refused += 1
@@ -202,6 +207,14 @@ class Commanded:
 def _give_up(dropped: Array | _Course | None, reason: str) -> None:
     if isinstance(dropped, _Course) and dropped.follower is not None:
         dropped.follower.give_up(reason)
+
+
+def _within(simulation: Simulation, positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions by name, within the limits where these hold."""
+    if not simulation.enforce_limits:
+        return dict(positions)
+    limits = {joint.name: joint.limits for joint in simulation.robot.joints}
+    return {name: limits[name].clamp(position) for name, position in positions.items()}
 
 
 def _laid_over(simulation: Simulation, newest: Array | _Course | None, named: Mapping[str, float]) -> Array:

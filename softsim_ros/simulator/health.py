@@ -26,16 +26,13 @@ def memory_mb() -> float:
     return 0.0
 
 
-def health(
-    status: PhysicsStatus, alive: bool, speed: float, backend: str
-) -> tuple[bytes, str, dict[str, object]]:
+def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str, dict[str, object]]:
     """Level, sentence and values of the diagnostics.
 
     Args:
         status: What the physics did lately.
         alive: Whether its thread runs.
         speed: Asked speed, simulated seconds a wall second; 0 is as fast as possible.
-        backend: Implementation of the step.
     """
     factor = status.speed.real_time_factor
     state = "paused" if status.paused else "running"
@@ -67,7 +64,7 @@ def health(
         "trajectory": "running" if status.trajectory else "none",
         "clamped_commands": status.clamped_commands,
         "refused_commands": status.refused_commands,
-        "backend": backend,
+        "backend": status.backend,
         "inverted_elements": status.inverted_elements,
         **status.fallbacks.as_values(),
         "memory_mb": memory_mb(),

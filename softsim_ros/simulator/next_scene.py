@@ -9,10 +9,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from softsim_core import RobotDescription, Simulation
+from softsim_core.dynamics.backends import has_compiled_step
 from softsim_core.errors import SoftSimError, SolverDivergedError
 from softsim_core.scene import SceneCatalog
-from softsim_core.warmup import cached_kernels
+from softsim_core.warmup import kernels_ready
 from softsim_node.ending import ending
+from softsim_ros.simulator.compiled_later import BEGINS
 from softsim_ros.simulator.parameters import SimulatorSettings
 from softsim_ros.simulator.scene_files import SceneFiles
 from softsim_ros.simulator.spawning import Spawnings, exchanged
@@ -26,6 +28,7 @@ class NextScene(NamedTuple):
     simulation: Simulation
     overrides: str
     spawned: Spawnings
+    text: str | None = None
 
 
 class Tried(NamedTuple):
@@ -48,12 +51,16 @@ class SceneBuilder:
         self._settings, self._logger = settings, logger
 
     def build(self, scene: RobotDescription) -> Simulation:
-        """The simulation, with its kernels compiled: the first real step takes no longer than the others."""
+        """The simulation, ready: the first real step takes no longer than the others.
+
+        Before the kernels are compiled, "auto" is the SciPy path; see CompiledLater.
+        """
         robot = self._settings().over(scene)
-        compiled, _ = cached_kernels()
-        once = "" if compiled else "; its kernels are compiled first, once, one to two minutes"
-        self._logger.info(f"building {robot.name}{once}")
         backend: Any = self._settings().backend
+        waits = self.waits(robot)
+        self._logger.info(f"building {robot.name}{f'; {BEGINS}' if waits else ''}")
+        if waits:
+            backend = "scipy"
 
         def make() -> Simulation:
             trial = Simulation(replace(robot, controllers=()), backend=backend)
@@ -68,6 +75,11 @@ class SceneBuilder:
         for sentence in dict.fromkeys(str(warning.message) for warning in caught):
             self._logger.warning(sentence)
         return simulation
+
+    def waits(self, robot: RobotDescription) -> bool:
+        """Whether the robot begins on the SciPy path because kernels are not compiled yet."""
+        compiles = self._settings().backend == "auto" and has_compiled_step(robot.scene.solver.linear_solver)
+        return compiles and not kernels_ready()
 
     def anew(self, files: SceneFiles) -> NextScene:
         """The scene as its files are now.
@@ -94,7 +106,7 @@ class SceneBuilder:
         """
         try:
             scene = files.try_overrides(overrides)
-            return NextScene(files, scene, self.build(scene), overrides, files.spawned)
+            return NextScene(files, scene, self.build(scene), overrides, files.spawned, files.text)
         except Exception as error:
             raise SoftSimError(f"overrides refused: {reason(error)}") from error
 
@@ -108,7 +120,16 @@ class SceneBuilder:
         """
         spawned = change(files.scene, files.spawned)
         scene = exchanged(files.scene, files.spawned, spawned)
-        return NextScene(files, scene, self.build(scene), files.overrides, spawned)
+        return NextScene(files, scene, self.build(scene), files.overrides, spawned, files.text)
+
+    def proposed(self, files: SceneFiles, text: str) -> NextScene:
+        """The scene with a proposed text in the place of its file's.
+
+        Raises:
+            SoftSimError: it cannot be built.
+        """
+        scene = files.try_text(text)
+        return NextScene(files, scene, self.build(scene), files.overrides, files.spawned, text)
 
 
 def reason(error: Exception) -> str:

@@ -44,6 +44,11 @@ class SimulatorSettings(SceneSettings):
         choices=OUT_OF_RANGE,
         fixed=True,
     )
+    follow_joint_states: str = parameter(
+        "",
+        "Topic of joint states that joints of the same names follow, as those of a real arm; empty: none",
+        fixed=True,
+    )
     enforce_limits: bool = parameter(
         True, "Keep joint limits (position and speed); false allows full turns, in simulation only"
     )
@@ -51,6 +56,11 @@ class SimulatorSettings(SceneSettings):
         str(default_folder()), "Folder of the snapshots, which lie there under their names", fixed=True
     )
     snapshot: str = parameter("", "Name of the snapshot that ~/save writes and ~/load reads")
+    editing: bool = parameter(
+        True,
+        "Let others propose changes of the scene's file, apply and save them; see docs/edit.md",
+        fixed=True,
+    )
     watch: bool = parameter(False, "Load the scene anew whenever one of its files is saved", fixed=True)
     publish_clock: bool = parameter(False, "Send simulated time on /clock and stamp with it", fixed=True)
     speed: float = parameter(
@@ -69,13 +79,13 @@ class SimulatorSettings(SceneSettings):
     )
 
     @classmethod
-    def of(cls, robot: RobotDescription, first: SceneSettings, name: str) -> SimulatorSettings:
+    def of(cls, robot: RobotDescription, first: SceneSettings, snapshot: str) -> SimulatorSettings:
         """As a robot's file says.
 
         Args:
             robot: The robot.
             first: What was asked for.
-            name: Of the robot that the node was started with, for its snapshot.
+            snapshot: Name of its snapshot.
         """
         return cls(
             robot=first.robot,
@@ -84,7 +94,7 @@ class SimulatorSettings(SceneSettings):
             backend=robot.scene.solver.backend,
             out_of_range=robot.commands.out_of_range,
             enforce_limits=robot.commands.enforce_limits,
-            snapshot=name,
+            snapshot=snapshot,
         )
 
     def over(self, robot: RobotDescription) -> RobotDescription:

@@ -17,6 +17,7 @@ from softsim_node.ending import ending
 from softsim_ros.simulator.commanded import Commanded, Follower
 from softsim_ros.simulator.contact_meter import ContactQuality
 from softsim_ros.simulator.fallback_meter import Fallbacks
+from softsim_ros.simulator.led_joints import LedJoints
 from softsim_ros.simulator.pacing import Pacer, RateGate, Speed, SpeedMeter
 from softsim_ros.simulator.printed import printed_lines
 from softsim_ros.simulator.step_history import StepHistory
@@ -46,6 +47,7 @@ class PhysicsStatus:
         inverted_elements: Elements that are inside out or flat after the last step.
         contacts: How contacts were solved in the last second or so; None in a scene without.
         fallbacks: Steps of the last second or so that did without a part of their stiffness.
+        backend: Implementation of the step.
     """
 
     speed: Speed = field(default_factory=Speed)
@@ -61,6 +63,7 @@ class PhysicsStatus:
     inverted_elements: int = 0
     contacts: ContactQuality | None = None
     fallbacks: Fallbacks = field(default_factory=Fallbacks)
+    backend: str = ""
 
 
 class PhysicsThread:
@@ -128,6 +131,11 @@ class PhysicsThread:
     ) -> None:
         """Give joint positions, shape (j,), or a trajectory for the next step; see Commanded."""
         self._commanded.command(target, delay_s, follower)
+
+    @property
+    def led(self) -> LedJoints:
+        """Joints that somebody else moves."""
+        return self._commanded.led
 
     def command_named(self, positions: Mapping[str, float]) -> None:
         """Give positions of some joints by name for the next step; the others stay where they are told."""
@@ -347,5 +355,6 @@ class PhysicsThread:
             inverted_elements=simulation.report.inverted,
             contacts=self._last_contacts if simulation.collision_surfaces else None,
             fallbacks=self._last_fallbacks,
+            backend=simulation.backend,
         )
         return self._on_state(simulation, whole)

@@ -129,10 +129,10 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
                 np.add.at(forces, nodes, body.embedding.weights[index][:, None] * force)
                 return forces
             index -= len(body.surface.points)
-    for zone in simulation.model.regions:
-        if zone.frame >= 0 and zone.name == frame:
-            turn = rotation_of(simulation.frames()[zone.name].quaternion_xyzw)
-            forces[zone.nodes] = turn @ force / len(zone.nodes)
+    for region in simulation.model.regions:
+        if region.frame >= 0 and region.name == frame:
+            turn = rotation_of(simulation.frames()[region.name].quaternion_xyzw)
+            forces[region.nodes] = turn @ force / len(region.nodes)
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)
     raise CommandError(

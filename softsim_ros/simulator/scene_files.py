@@ -13,6 +13,7 @@ from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.catalog import names_up_to
 from softsim_core.scene.overrides import read_overrides
+from softsim_core.scene.yaml_loader import load_yaml
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 from softsim_core.values import MeshFile
 from softsim_ros.simulator.spawning import Spawnings, exchanged
@@ -33,11 +34,13 @@ class SceneFiles:
         scene: The scene that runs.
         overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
         spawned: What was put beside it since; it stays when the files are loaded anew.
+        text: What stands for the text of its file until the files are loaded anew; None: nothing does.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
         self.scene, self.overrides = robot, ""
         self.spawned: Spawnings = ()
+        self.text: str | None = None
         self._name, self._source = robot.name, robot.source
         self._files = files_of(robot)
         self._loaded = self._seen = stamps(self._files)
@@ -72,15 +75,47 @@ class SceneFiles:
         if self._source is None:
             raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
         values = read_overrides(overrides)
-        _refuse_others(name for name in file_names(values) if not self._names(name))
-        scene = load_scene(self._source, values)
+        self.check_names("overrides", values)
+        if self.text is None:
+            scene = load_scene(self._source, values)
+        else:
+            scene = load_yaml(self._source, values, self.text)
         if overrides:
-            _refuse_others(sorted(map(str, named_files(scene) - self._named_files)))
+            self.check_files("overrides", scene)
         return exchanged(scene, (), self.spawned)
 
-    def take_over(self, scene: RobotDescription, overrides: str, spawned: Spawnings) -> None:
-        """Go on with a scene, what was laid over its files for it, and what was spawned in it."""
-        self.scene, self.overrides, self.spawned = scene, overrides, spawned
+    def try_text(self, text: str) -> RobotDescription:
+        """The scene with another text in the place of its file's; only `take_over` goes on with it.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: as `load`.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file; it cannot be edited")
+        return exchanged(load_yaml(self._source, read_overrides(self.overrides), text), (), self.spawned)
+
+    def check_names(self, whose: str, values: Any) -> None:
+        """Refuse values of others that name other files than the scene does; nothing is looked for.
+
+        Raises:
+            ConfigError: they do; `whose` names them.
+        """
+        _refuse_others(whose, (name for name in file_names(values) if not self._names(name)))
+
+    def check_files(self, whose: str, scene: RobotDescription) -> None:
+        """Refuse a scene made with values of others that names other files.
+
+        Raises:
+            ConfigError: it does; `whose` names the values.
+        """
+        _refuse_others(whose, sorted(map(str, named_files(scene) - self._named_files)))
+
+    def take_over(
+        self, scene: RobotDescription, overrides: str, spawned: Spawnings, text: str | None = None
+    ) -> None:
+        """Go on with a scene, what was laid over its files for it, what was spawned in it, and its text."""
+        self.scene, self.overrides, self.spawned, self.text = scene, overrides, spawned, text
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
 
@@ -89,6 +124,11 @@ class SceneFiles:
         end = f"/{name.removeprefix('./')}"
         return any(str(file) == name or str(file).endswith(end) for file in self._named_files)
 
+    def note_saved(self) -> None:
+        """The text that runs was written into the file: there is nothing to load anew."""
+        self.text = None
+        self._loaded = self._seen = stamps(self._files)
+
     def saved(self) -> bool:
         """Whether a file has changed since it was loaded and is at rest since the last call."""
         before, self._seen = self._seen, stamps(self._files)
@@ -96,11 +136,11 @@ class SceneFiles:
         return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
 
 
-def _refuse_others(names: Iterable[str]) -> None:
+def _refuse_others(whose: str, names: Iterable[str]) -> None:
     others = list(names)
     if others:
         raise ConfigError(
-            "overrides",
+            whose,
             "",
             f"name other files than the scene does ({names_up_to(3, others)}); name them in its file",
         )

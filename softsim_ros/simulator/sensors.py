@@ -16,6 +16,7 @@ from sensor_msgs.msg import PointCloud2
 from softsim_core.actuation.chamber import ATMOSPHERE, ChamberDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.sensing import (
+    ForceTorqueDescription,
     ImuDescription,
     SensorReading,
     SimulatedSensorDescription,
@@ -93,7 +94,7 @@ class SensorPublications:
             self._contacts.publish(contact_cloud(stamp, WORLD, simulation.contacts))
 
     def _frame(self, sensor: SimulatedSensorDescription, tree: FrameTree) -> str:
-        if isinstance(sensor, ImuDescription):
+        if isinstance(sensor, (ForceTorqueDescription, ImuDescription)):
             return tree.of_sensor(sensor.name)
         if isinstance(sensor, WrenchSensorDescription):
             return tree.of_place(sensor.on)

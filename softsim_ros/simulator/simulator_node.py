@@ -15,13 +15,15 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import Bool, Float64MultiArray, String
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.errors import SoftSimError, listing
 from softsim_core.scene import SceneCatalog
+from softsim_core.scene.body import Body
 from softsim_core.scene.catalog import folders_of
+from softsim_core.scene.description import BodyDescription
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters, ParameterError, declare
 from softsim_node.process import run_node
@@ -30,14 +32,19 @@ from softsim_ros.messages import step_profile
 from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.bases import BaseTargets
 from softsim_ros.simulator.command_inputs import CommandInputs
+from softsim_ros.simulator.compiled_later import CompiledLater
 from softsim_ros.simulator.health import NOT_LOADED, health
 from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, Tried, reason
 from softsim_ros.simulator.parameters import SceneSettings, SimulatorSettings, check_speed
 from softsim_ros.simulator.physics_thread import PhysicsThread
 from softsim_ros.simulator.publications import Publications
 from softsim_ros.simulator.pulls import Pulls, PullSettings
+from softsim_ros.simulator.run_services import RunServices
+from softsim_ros.simulator.scene_editing import Running, SceneEditing
 from softsim_ros.simulator.scene_files import SceneFiles
-from softsim_ros.simulator.snapshot_folder import SnapshotFolder
+from softsim_ros.simulator.scene_writer import SceneWriter
+from softsim_ros.simulator.snapshot_folder import SnapshotFolder, default_name
+from softsim_ros.simulator.snapshot_services import SnapshotServices
 from softsim_ros.simulator.spawning import Spawner, Spawnings
 from softsim_ros.simulator.stage_statistics import stage_statistics
 from softsim_ros.simulator.standard_services import StandardServices
@@ -59,6 +66,8 @@ class Simulator(RobotNode):
     _physics: PhysicsThread | None = None
     _inputs: CommandInputs | None = None
     _standard: StandardServices | None = None
+    _editing: SceneEditing | None = None
+    _later: CompiledLater | None = None
     _closed = False
 
     def _begin(self, robot: RobotDescription) -> None:
@@ -73,7 +82,7 @@ class Simulator(RobotNode):
             self._files.take_over(robot, first.overrides, ())
         self._live = LiveParameters(
             self,
-            SimulatorSettings.of(robot, first, self.robot),
+            SimulatorSettings.of(robot, first, default_name(robot, self.get_namespace())),
             check=self._check_parameters,
             apply=self._apply_parameters,
         )
@@ -85,7 +94,6 @@ class Simulator(RobotNode):
         self._builder = SceneBuilder(lambda: self._live.values, self.get_logger())
         simulation = self._builder.build(self._tuning.declare(robot))
         self.joint_names = simulation.joint_names
-        self._backend = simulation.backend
         self._publications = Publications(
             self,
             simulation,
@@ -106,27 +114,29 @@ class Simulator(RobotNode):
         )
         self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
         self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
-        self._inputs = CommandInputs(self, self._physics, lambda: self.joint_names, self._now_s)
+        self._inputs = CommandInputs(
+            self, self._physics, lambda: self.joint_names, self._now_s, start.follow_joint_states
+        )
         self.create_subscription(String, "keys", self._on_key, 10)
         self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
         self._base_targets = BaseTargets(self, self._physics, self.refuse)
-        for name, action in (
-            ("reset", self._reset),
-            ("step", self._step),
-            ("save", self._save),
-            ("load", self._load),
-            ("start", self._start),
-        ):
-            self.create_service(Trigger, f"~/{name}", _answering(action))
+        RunServices(self, self._physics, lambda: self._state_topics.refresh())
+        SnapshotServices(
+            self, self._physics, self._snapshots, lambda: self._live.values.snapshot, self._take_over_tuning
+        )
         self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
-        self.create_service(SetBool, "~/pause", self._on_pause)
         spawner = Spawner(self._scenes, self._exchange, self._aside.run, lambda: self._files.spawned)
+        if start.editing:
+            self._editing = SceneEditing(self, self._running(), self._builder, self._writer())
         self._standard = StandardServices(self, self._physics, self._publications.stamp, spawner)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         if start.watch:
             self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
         self._physics.start()
+        if self._builder.waits(robot):
+            self._later = CompiledLater(self._physics, robot.source, self.get_logger())
+            self._later.start()
         self._state_topics = StateTopics(
             self,
             {
@@ -145,6 +155,8 @@ class Simulator(RobotNode):
         if self._closed:
             return
         self._closed = True
+        if self._later is not None:
+            self._later.close()
         self._aside.close()
         if self._physics is not None:
             self._physics.close()
@@ -179,43 +191,6 @@ class Simulator(RobotNode):
             self.physics.press_key(message.data)
         except Exception as error:  # a scene's own code may raise anything; the node must live on
             self.refuse(f"key {message.data!r}: {error}")
-
-    # --- services -------------------------------------------------------------------------------------
-
-    def _reset(self) -> str:
-        self.physics.reset()
-        paused = self.physics.status.paused
-        return "back at the start of the scene" + ("; still paused" if paused else "")
-
-    def _step(self) -> str:
-        self.physics.step_once()
-        return f"step {self.physics.status.steps} done"
-
-    def _save(self) -> str:
-        data = self.physics.call(lambda simulation: simulation.snapshot(), shows=False)
-        return f"saved to {self._snapshots.write(self._snapshot_name(), data)}"
-
-    def _load(self) -> str:
-        snapshots, name = self._snapshots, self._snapshot_name()
-        self.physics.restore(snapshots.read(name))
-        self._take_over_tuning()
-        return f"loaded from {snapshots.file(name)}"
-
-    def _start(self) -> str:
-        self.physics.play_start()
-        return "start animation begun"
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        def pause() -> str:
-            self.physics.pause(request.data)
-            return "paused" if request.data else "running"
-
-        response.success, response.message = _attempt(pause)
-        self._state_topics.refresh()
-        return response
-
-    def _snapshot_name(self) -> str:
-        return self._live.values.snapshot
 
     # --- another scene --------------------------------------------------------------------------------
 
@@ -294,7 +269,25 @@ class Simulator(RobotNode):
         show = partial(self._publications.show_scene, overrides=laid, scenes=known)
         self.physics.replace(following.simulation, show, goes_on=goes_on)
         self._files = following.files
-        self._files.take_over(following.scene, laid, following.spawned)
+        self._files.take_over(following.scene, laid, following.spawned, following.text)
+        if self._editing is not None:
+            self._editing.scene_replaced()
+
+    # --- edits of its file ----------------------------------------------------------------------------
+
+    def _running(self) -> Running:
+        """What edits are applied to."""
+
+        def bodies() -> list[tuple[BodyDescription, Body]]:
+            return self.physics.call(
+                lambda run: list(zip(run.scene.bodies, run.bodies, strict=True)), shows=False
+            )
+
+        return Running(lambda: self._files, bodies, self._aside.run, self._go_on_with)
+
+    def _writer(self) -> SceneWriter:
+        """What may write the file that the start command named."""
+        return SceneWriter(self.named.values(), self._scenes.start_folder)
 
     # --- parameters -----------------------------------------------------------------------------------
 
@@ -339,33 +332,13 @@ class Simulator(RobotNode):
     def _publish_diagnostics(self) -> None:
         if self._inputs is not None:
             self._inputs.action.look()
-        level, sentence, values = health(
-            self.physics.status, self.physics.is_alive, self._live.values.speed, self._backend
-        )
+        level, sentence, values = health(self.physics.status, self.physics.is_alive, self._live.values.speed)
         self._publish_health(level, sentence, values)
         if self._stage_statistics.get_subscription_count():
             stamp, stages = self.get_clock().now().to_msg(), self.physics.status.speed.stages
             self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
         if self._step_profile.get_subscription_count():
             self._step_profile.publish(step_profile(*self.physics.history.steps()))
-
-
-def _attempt(action: Callable[[], str]) -> tuple[bool, str]:
-    """Success and sentence of a service call."""
-    try:
-        return True, action()
-    except SoftSimError as error:
-        return False, str(error)
-
-
-def _answering(
-    action: Callable[[], str],
-) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = _attempt(action)
-        return response
-
-    return answer
 
 
 PROGRAM = Program(

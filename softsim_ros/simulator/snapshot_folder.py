@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 import stat
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -14,12 +13,17 @@ from typing import Final
 
 from softsim_core.errors import SnapshotError
 from softsim_core.scene.catalog import shortened
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.simulator.whole_file import write_whole
 
 MOST_BYTES: Final = 2**30
 """A larger file is no snapshot."""
 
 SUFFIX: Final = ".snapshot"
-_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+LONGEST_NAME: Final = 64
+"""Characters of a snapshot's name at most."""
+
+_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{LONGEST_NAME - 1}}}")
 
 
 def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
@@ -28,6 +32,21 @@ def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
         Path(environment.get("HOME", tempfile.gettempdir()), ".local", "state")
     )
     return Path(state_home) / "softsim"
+
+
+def default_name(robot: RobotDescription, namespace: str) -> str:
+    """The snapshot of a robot: its name, behind that of a namespace which is not its own.
+
+    So two robots of one kind in two namespaces do not share a file.
+
+    Args:
+        robot: The robot.
+        namespace: Of the node, such as `/lab/left`: the name is `lab.left.tripod` there.
+    """
+    place = namespace.strip("/")
+    if place in ("", robot.namespace.strip("/")):
+        return robot.name
+    return f"{place.replace('/', '.')}.{robot.name}"[-LONGEST_NAME:].lstrip("_.-")
 
 
 class SnapshotFolder:
@@ -48,8 +67,8 @@ class SnapshotFolder:
         """
         if not _NAME.fullmatch(name):
             raise SnapshotError(
-                f"snapshot name {shortened(name)!r} is refused; allowed are at most 64 letters, digits, "
-                "'_', '-' and '.', beginning with a letter or digit"
+                f"snapshot name {shortened(name)!r} is refused; allowed are at most {LONGEST_NAME} letters, "
+                "digits, '_', '-' and '.', beginning with a letter or digit"
             )
         return self._folder / f"{name}{SUFFIX}"
 
@@ -61,24 +80,12 @@ class SnapshotFolder:
                 written; an older one is kept.
         """
         file = self.file(name)
-        aside = f".{file.name}.{secrets.token_hex(8)}"
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with self._opened() as folder:
                 with suppress(FileNotFoundError):
                     _need_ordinary(file, os.stat(file.name, dir_fd=folder, follow_symlinks=False))
-                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-                try:
-                    with os.fdopen(os.open(aside, flags, 0o600, dir_fd=folder), "wb") as stream:
-                        stream.write(data)
-                        stream.flush()
-                        os.fsync(stream.fileno())
-                    os.replace(aside, file.name, src_dir_fd=folder, dst_dir_fd=folder)
-                except BaseException:
-                    with suppress(OSError):
-                        os.unlink(aside, dir_fd=folder)
-                    raise
-                os.fsync(folder)
+                write_whole(folder, file.name, data)
         except OSError as error:
             raise SnapshotError(
                 f"snapshot {file} not written: {error.strerror}; start with another snapshot_folder"

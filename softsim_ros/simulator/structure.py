@@ -76,7 +76,7 @@ def structure(
         such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `body_names`, of
-        all bodies, by the numbers that `contacts/points` gives them; `zones`, each a
+        all bodies, by the numbers that `contacts/points` gives them; `regions`, each a
         rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics,
         of the meshes that belong to this generation.
     """
@@ -95,13 +95,13 @@ def structure(
         )
         point, triangle = point + points, triangle + triangles
     targets = {attachment.name: attachment.to for attachment in scene.attachments}
-    zones = [
-        {"name": zone.name, "to": targets.get(zone.name, "free"), "nodes": zone.nodes.tolist()}
-        for zone in model.regions
+    regions = [
+        {"name": region.name, "to": targets.get(region.name, "free"), "nodes": region.nodes.tolist()}
+        for region in model.regions
     ]
     held = np.flatnonzero((model.region_of_node == FIXED) | (model.spring > 0.0))
     if len(held):
-        zones.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
+        regions.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
     return {
         "generation": generation,
         "name": scene.name,
@@ -113,7 +113,7 @@ def structure(
         "frames": list(simulation.frames()),
         "bodies": bodies,
         "body_names": list(scene.body_names),
-        "zones": zones,
+        "regions": regions,
         "checksums": {
             "mesh/topology": messages.mesh_checksum(
                 simulation.visual_triangles, simulation.visual_rest_points

@@ -8,7 +8,7 @@ from geometry_msgs.msg import TransformStamped
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import quaternion_of, rotation_euler, rotation_of
-from softsim_core.sensing import ImuDescription
+from softsim_core.sensing import ForceTorqueDescription, ImuDescription
 from softsim_core.simulation import Simulation
 from softsim_ros.description.links import Link, links_of, moved_link
 from softsim_ros.frames import BASE_LINK, WORLD, RobotFrames
@@ -45,7 +45,8 @@ class FrameTree:
 
         self._of_free = {link.part.partition("/")[2]: link.name for link in links if link.kind == "floating"}
         self._scene = simulation.scene
-        units = [each for each in simulation.scene.sensors if isinstance(each, ImuDescription)]
+        framed = (ForceTorqueDescription, ImuDescription)
+        units = [each for each in simulation.scene.sensors if isinstance(each, framed)]
         taken = names | set(self._objects.values())
         self._units = {
             each.name: (each, f"{each.name}_sensor" if each.name in taken else each.name) for each in units
@@ -80,7 +81,9 @@ class FrameTree:
         links = [self._transform(stamp, link, *link.pose(0.0)) for link in self._still]
         return [base, *links, *(self._unit(stamp, unit, name) for unit, name in self._units.values())]
 
-    def _unit(self, stamp: Time, unit: ImuDescription, name: str) -> TransformStamped:
+    def _unit(
+        self, stamp: Time, unit: ForceTorqueDescription | ImuDescription, name: str
+    ) -> TransformStamped:
         turn = quaternion_of(rotation_euler(np.radians(unit.pose.rotation_deg)))
         parent, child = self.of_place(unit.on), self._frames.of(name)
         return transform_stamped(stamp, parent, child, unit.pose.translation, turn)

@@ -38,7 +38,7 @@ class Tunable(NamedTuple):
 def tunables(robot: RobotDescription) -> dict[str, Tunable]:
     """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`.
 
-    Those of a layer or fibres are `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
+    Those of a layer, fibres or a region are `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
     """
     scene, found = robot.scene, dict[str, Tunable]()
     for number, ((owner, values), law) in enumerate(zip(scene.materials, scene.laws, strict=True)):
@@ -80,12 +80,13 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
         return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
 
     for body in scene.bodies:
-        of_parts = {each.name: given(f"{body.name}.{each.name}", each.values) for each in body.reinforcements}
+        of_parts = {each.name: given(f"{body.name}.{each.name}", each.values) for each in body.parts}
         changed = replace(
             body,
             material=body.material.changed(**given(body.name, body.material.values)),
             layers=tuple(each.changed(of_parts[each.name]) for each in body.layers),
             fibres=tuple(each.changed(of_parts[each.name]) for each in body.fibres),
+            regions=tuple(each.changed(of_parts[each.name]) for each in body.regions),
         )
         bodies.append(changed)
     solver = replace(

@@ -21,7 +21,7 @@ from softsim_ros.client.state import (
     known_effector,
 )
 from softsim_ros.keys.press import KeyState, tilt_line
-from softsim_ros.keys.table import GOAL_KEYS, HELP_KEY, TILT_KEYS, goal_help, key_table
+from softsim_ros.keys.table import GOAL_KEYS, HELP_KEY, TILT_KEYS, goal_help, key_of, key_table
 
 BAR_WIDTHS: Final = (24, 16, 10)
 """Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
@@ -124,12 +124,21 @@ def status_lines(view: View, width: int) -> list[str]:
         simulator = "paused" if state.paused else f"no data for {view.now - state.measured_at:.0f} s"
     if not enforces_limits(state, view.robot):
         simulator += ", limits off"
-    parts = [f"simulator: {simulator}", f"servo bridge: {BRIDGE_TEXT[state.bridge]}"]
+    parts = [f"simulator: {simulator}", f"servo bridge: {_bridge_text(view)}"]
     if state.inverse:
         note = f" ({state.inverse_note})" if state.inverse_note else ""
         parts.append(f"inverse control: on{note}")
     line = "   ".join(parts)
     return [line] if len(line) <= width else parts
+
+
+def _bridge_text(view: View) -> str:
+    """State of the bridge; a latched e-stop, and how it is released, stand before it."""
+    text = BRIDGE_TEXT[view.state.bridge]
+    if not view.state.e_stopped:
+        return text
+    key = key_of(view.robot, "clear_e_stop")
+    return f"E-STOP latched{f', {key_label(key)} releases it' if key else ''}; {text}"
 
 
 def _pulse_lines(view: View) -> list[str]:

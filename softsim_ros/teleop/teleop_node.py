@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
@@ -38,12 +38,13 @@ class Teleop(ClosableNode):
     Attributes:
         client: The robot.
         keyboard: What its keys do.
-        notice: What the display shows all the time, such as the page's address.
+        notice: Asked for what the display shows all the time, such as the page's address.
     """
 
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
         super().__init__("teleop", **{"namespace": robot.name, **node_options})
-        self._message, self.notice = unknown_keys(robot) or "", ""
+        self._message = unknown_keys(robot) or ""
+        self.notice: Callable[[], str] = str
         self._warning, self._warned_at = "", -math.inf
         self.client = RobotClient(self, robot, self.set_status)
         self.keyboard = Keyboard(self, self.client, self.set_status)
@@ -76,7 +77,7 @@ class Teleop(ClosableNode):
             self._message,
             now,
             self.get_namespace(),
-            self.notice,
+            self.notice(),
             self._warning,
             self._warned_at,
         )

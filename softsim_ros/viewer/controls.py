@@ -11,6 +11,8 @@ from softsim_ros.client.simulator import Simulator
 from softsim_ros.client.state import RobotState
 from softsim_ros.viewer import readings
 from softsim_ros.viewer.drive_tab import DriveTab
+from softsim_ros.viewer.edit_tab import EditTab
+from softsim_ros.viewer.hotkeys import page_keys
 from softsim_ros.viewer.log_tab import LogTab
 from softsim_ros.viewer.page_parts import PageParts
 from softsim_ros.viewer.panel import Inbox, Shown
@@ -41,11 +43,17 @@ class Controls:
         self._message = Shown(gui.add_html(""))
         client, picture, robot = parts.client, parts.picture, parts.picture.robot
         _add_run(gui, inbox, client.simulator)
+        stop = gui.add_button("E-STOP", color="red", icon="hand-stop", hint="hold the servos still, latched")
+        inbox.on_click(stop, client.bridge.e_stop)
+        self._release = gui.add_button("Release e-stop", color="yellow", visible=False)
+        inbox.on_click(self._release, client.bridge.clear_e_stop)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
-            self._drive = DriveTab(gui, inbox, robot, client, parts.keyboard)
+            self._drive = DriveTab(gui, inbox, robot, client, parts.keyboard, parts.hint)
         with tabs.add_tab("View"):
             self._view = ViewTab(gui, inbox, picture, parts.mouse)
+        with tabs.add_tab("Edit"):
+            self._edit = EditTab(gui, inbox, parts.edit)
         with tabs.add_tab("Tune"):
             TuneTab(gui, inbox, robot, client.simulator.parameters)
         with tabs.add_tab("Plots"):
@@ -67,8 +75,11 @@ class Controls:
         self._status.show(readings.sentence(f"{self._namespace}: {state.fault or words}", bad=bad))
         self._message.show(readings.sentence(self._parts.spoken.sentence or "ready"))
         self._lamps.show(readings.lamps(_lamp_states(state)))
+        if self._release.visible != state.e_stopped:
+            self._release.visible = state.e_stopped
         self._drive.refresh()
         self._view.refresh()
+        self._edit.refresh()
         self.scene.refresh()
         self._timing.refresh()
         self._log.refresh()
@@ -94,7 +105,7 @@ def _controlled(robot: RobotDescription) -> object:
     """What of a scene the controls show."""
     joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
     kinds = [(joint.kind, joint.units) for joint in robot.joints]
-    return robot.name, kinds, joints, robot.keys, tunables(robot)
+    return robot.name, kinds, joints, page_keys(robot), tunables(robot)
 
 
 def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
@@ -105,9 +116,4 @@ def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
         "Reset": simulator.reset,
         "Reload": simulator.reload,
     }
-    row = gui.add_button_group("Simulation", tuple(actions))
-
-    async def clicked(event: Any) -> None:
-        inbox.put(actions[event.target.value])
-
-    row.on_click(clicked)
+    inbox.on_press(gui.add_button_group("Simulation", tuple(actions)), actions)

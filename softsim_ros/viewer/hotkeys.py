@@ -1,4 +1,4 @@
-"""Keys of a robot's file as hotkeys of the page (with Ctrl) and as buttons."""
+"""Keys of a robot's file as hotkeys of the page (with Ctrl) and as a table of buttons."""
 
 from __future__ import annotations
 
@@ -24,6 +24,18 @@ _NAMED: Final = {
     "delete": "delete",
 }
 
+_SIGNS: Final = {
+    "up": "↑",
+    "down": "↓",
+    "left": "←",
+    "right": "→",
+    "plus": "+",
+    "minus": "\N{MINUS SIGN}",
+    "page_up": "PgUp",
+    "page_down": "PgDn",
+}
+"""How a button shows its key; any other as KeyPress does."""
+
 
 def page_keys(robot: RobotDescription) -> dict[str, KeyBinding]:
     """The bindings a page offers: all of the robot's but those that end a program."""
@@ -42,3 +54,30 @@ def hotkeys(name: str) -> list[tuple[str, str]]:
 def key_label(name: str, binding: KeyBinding) -> str:
     """Words of a key's button: "Ctrl+Up: servo 0 up"."""
     return f"{KeyPress(name, ctrl=True)}: {binding.help}"
+
+
+def key_rows(robot: RobotDescription) -> list[tuple[str, dict[str, str]]]:
+    """The table of keys: words of each row, and in it a key's name by the words of its button.
+
+    Keys of the same joints share a row, and so do all poses and all actions. The e-stop has buttons of its
+    own, above all tabs.
+    """
+    groups: dict[object, list[str]] = {}
+    stops = ("e_stop", "clear_e_stop")
+    keys = {name: each for name, each in page_keys(robot).items() if each.action not in stops}
+    for name, binding in keys.items():
+        groups.setdefault(binding.joints or binding.pose is not None, []).append(name)
+    rows = []
+    for what, names in groups.items():
+        label = "poses" if what else "actions"
+        if isinstance(what, tuple):
+            label = what[0].replace("_", " ") + (" ..." if len(what) > 1 else "")
+        words = {name: keys[name].help.removeprefix(label).strip() for name in names}
+        rows.append((label, {_button(name, each): name for name, each in words.items()}))
+    return rows
+
+
+def _button(name: str, words: str) -> str:
+    """Words of a key's button in the table: "↑ up"."""
+    label = str(KeyPress(name))
+    return f"{_SIGNS.get(name, label.upper() if len(label) == 1 else label)} {words}"

@@ -1,4 +1,4 @@
-"""What lies inside the bodies: finite elements and nodes, rigid zones, regions of fixings, frames, labels."""
+"""What lies inside the bodies: finite elements and nodes, rigid regions, fixings, frames, labels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,14 @@ Still: TypeAlias = tuple[str, str, Any]
 """A thing that is drawn once: its layer, the part of the scene it belongs to, its handle."""
 
 ELEMENT_SHARE = 0.85
-ZONE_SHARE = 2.2
-"""Nodes of rigid zones are drawn so many times as large as others."""
+EDGES = (20, 24, 28)
+REGION_SHARE = 2.2
+"""Nodes of rigid regions are drawn so many times as large as others."""
 
-ZONE_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), (201, 42, 42), (12, 133, 153))
+STILL = 1e-4
+"""A frame that moves by less than this in [mm], or in its quaternion, stays where it is drawn."""
+
+REGION_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), (201, 42, 42), (12, 133, 153))
 
 
 class InnerView:
@@ -38,13 +42,14 @@ class InnerView:
         self._scene, self._robot = scene, robot
         self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
         self._bodies: dict[str, slice] = {}
-        self._zones: list[tuple[str, IndexArray]] = []
+        self._regions: list[tuple[str, IndexArray]] = []
         self._positions: Array | None = None
         self._moving: dict[str, Any] = {}
         self._view = ViewSettings()
         self._frames = [(name, scene.add_frame(f"/frames/{name}", show_axes=False)) for name in frames]
         for _, handle in self._frames:
             handle.axes_length, handle.axes_radius, handle.origin_radius = 12.0, 0.5, 1.0
+        self._poses: Array = np.full((len(self._frames), 7), np.inf)
         self._still: tuple[Still, ...] = (*self._arms(), *self._labels(), *self._boxes())
         self.obey(self._view)
 
@@ -52,18 +57,20 @@ class InnerView:
     def needs_nodes(self) -> bool:
         """Whether something is shown that needs the positions of the nodes."""
         view = self._view
-        return view.elements or view.nodes or view.zones
+        return view.elements or view.nodes or view.regions
 
     def set_structure(
         self,
         tetrahedra: IndexArray,
         bodies: Sequence[Mapping[str, Any]],
-        zones: Sequence[Mapping[str, Any]],
+        regions: Sequence[Mapping[str, Any]],
     ) -> None:
-        """Tell elements, shape (m, 4); `name` and `nodes` of bodies (first, end) and of rigid zones (all)."""
+        """Tell elements, shape (m, 4); `name` and `nodes` of bodies (first, end) and rigid regions (all)."""
         self._tetrahedra = tetrahedra
         self._bodies = {str(body["name"]): slice(*body["nodes"]) for body in bodies}
-        self._zones = [(str(zone["name"]), np.array(zone["nodes"], dtype=np.int64)) for zone in zones]
+        self._regions = [
+            (str(region["name"]), np.array(region["nodes"], dtype=np.int64)) for region in regions
+        ]
         self._forget()
 
     def obey(self, view: ViewSettings) -> None:
@@ -80,9 +87,13 @@ class InnerView:
 
     def move_frames(self, poses: Array) -> None:
         """Place the frames; rows of x, y, z in [mm] and a quaternion x, y, z, w, shape (f, 7)."""
-        if len(poses) == len(self._frames):
-            for (_, handle), row in zip(self._frames, poses, strict=True):
-                handle.position, handle.wxyz = row[:3], row[[6, 3, 4, 5]]
+        if len(poses) != len(self._frames):
+            return
+        moved = (np.abs(poses - self._poses) > STILL).any(axis=1)  # what stands costs nothing
+        for number in np.flatnonzero(moved):
+            handle, row = self._frames[number][1], poses[number]
+            handle.position, handle.wxyz = row[:3], row[[6, 3, 4, 5]]
+            self._poses[number] = row
 
     def move_nodes(self, positions: Array) -> None:
         """Place nodes and elements; `positions` in [mm], shape (n, 3)."""
@@ -97,11 +108,11 @@ class InnerView:
         size = MM * view.node_size
         if view.nodes and seen.any():
             self._draw("nodes", "points", positions[seen].astype(np.float32), (33, 37, 41), size=size)
-        for number, (name, nodes) in enumerate(self._zones if view.zones else ()):
+        for number, (name, nodes) in enumerate(self._regions if view.regions else ()):
             if f"attachments/{name}" in view.hidden or int(nodes.max(initial=-1)) >= len(positions):
                 continue
-            colour, points = ZONE_COLOURS[number % len(ZONE_COLOURS)], positions[nodes].astype(np.float32)
-            self._draw(f"zones/{name}", "points", points, colour, size=ZONE_SHARE * size)
+            colour, points = REGION_COLOURS[number % len(REGION_COLOURS)], positions[nodes].astype(np.float32)
+            self._draw(f"regions/{name}", "points", points, colour, size=REGION_SHARE * size)
 
     def _seen(self, count: int) -> BoolArray:
         """Which of `count` nodes are of bodies that are not hidden."""
@@ -165,8 +176,18 @@ class InnerView:
                     dimensions=(20.0, 20.0, 12.0),
                     position=(0.0, 0.0, -10.0),
                 )
-                arms += [("arms", f"joints/{joint.name}", handle) for handle in (arm, servo)]
+                edges = [
+                    self._edges(
+                        f"/frames/{joint.name}_horn/edges", (0.0, 0.0, length / 2.0), (4.0, 8.0, length)
+                    ),
+                    self._edges(f"/frames/{joint.name}/edges", (0.0, 0.0, -10.0), (20.0, 20.0, 12.0)),
+                ]
+                arms += [("arms", f"joints/{joint.name}", handle) for handle in (arm, servo, *edges)]
         return arms
+
+    def _edges(self, name: str, center: tuple[float, ...], size: tuple[float, ...]) -> Any:
+        lines = box_lines(center, size, (0.0, 0.0, 0.0)).astype(np.float32)
+        return self._scene.add_line_segments(name, lines, EDGES, thickness=0.35)
 
     def _boxes(self) -> list[Still]:
         attachments = [each for each in self._robot.scene.attachments if each.group is None]

@@ -84,6 +84,13 @@ RULES: Final[Mapping[str, Mapping[str, Check]]] = {
         "button": _one_of("left", "middle", "right"),
         "modifier": _text_or_none,
     },
+    "SceneNodeClickMessage": {
+        **_NODE,
+        **{name: _numbers(3) for name in ("ray_origin", "ray_direction")},
+        "screen_pos": _numbers(2),
+        "instance_index": _whole_or_none,
+        "modifier": _text_or_none,
+    },
     "GetRenderResponseMessage": {"payload": _bytes, "render_uuid": _text},
 }
 """Kinds of messages that a page may send, and what each field may be; `owner` may be left out."""

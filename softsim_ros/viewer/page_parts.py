@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from softsim_ros.client.log import RobotLog
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
+from softsim_ros.viewer.drive_tab import Hint
+from softsim_ros.viewer.edit_mode import EditMode
 from softsim_ros.viewer.picture import Picture
 from softsim_ros.viewer.pull import MousePull
 from softsim_ros.viewer.spoken import Spoken
@@ -25,6 +27,8 @@ class PageParts:
         mouse: The spring of a pull.
         statistics: What the simulator tells of its steps.
         log: What the robot's nodes say.
+        edit: The scene as it is proposed.
+        hint: Words for the first minute.
         is_local: Whether only browsers of this machine see the page.
     """
 
@@ -35,4 +39,6 @@ class PageParts:
     mouse: MousePull
     statistics: StepStatistics
     log: RobotLog
+    edit: EditMode
+    hint: Hint
     is_local: bool

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 HOLD_S: Final = 1.0
@@ -42,6 +42,15 @@ class Inbox:
             self.put(action)
 
         button.on_click(clicked)
+
+    def on_press(self, row: Any, actions: Mapping[str, Callable[[], None]]) -> None:
+        """Run the action of the button that is pressed in a row of them."""
+
+        async def pressed(event: Any) -> None:
+            if event.target.value in actions:
+                self.put(actions[event.target.value])
+
+        row.on_click(pressed)
 
     def on_change(self, handle: Any, action: Callable[[Any], None]) -> Control:
         """Run an action with the new value whenever a person changes a control of the present page."""

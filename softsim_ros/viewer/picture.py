@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 from geometry_msgs.msg import PoseArray
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
@@ -26,7 +27,7 @@ from softsim_ros.messages.scene_message import SceneMessage, read_scene_message
 from softsim_ros.qos import LATCHED, NEWEST_ONLY
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.panel import Inbox
-from softsim_ros.viewer.stage import Stage, camera_for, move_cameras
+from softsim_ros.viewer.stage import Stage, camera_for, move_camera, move_cameras
 from softsim_ros.viewer.surface import MM, Part
 
 ERROR_WIDTH: Final = 36
@@ -55,9 +56,11 @@ class Picture:
 
     Attributes:
         stage: The 3-D side of the page; another one after each `build`.
+        is_dark: Whether it is light on dark ground.
         base: The handle of the chosen joint's base; another one, too.
         view: What is shown now: what the scene said, then what people switched.
         robot: The scene that is shown.
+        rest: Its bodies at rest: parts, and points in [mm], shape (p, 3).
     """
 
     robot: RobotDescription
@@ -79,10 +82,14 @@ class Picture:
         self._node, self._server, self._inbox = node, server, inbox
         self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
         self._error = ""
+        self._is_aside = False
+        self.is_dark = False
+        self.rest: tuple[list[Part], NDArray[np.float32]] = ([], np.zeros((0, 3), np.float32))
         self._error_label: Any = None
         self._scene: SceneMessage | None = None
         self._seen = ""
         self._begun: tuple[str, ViewSettings] | None = None
+        self._left: dict[bool, tuple[tuple[float, ...], tuple[float, ...]]] = {}
         self._rigid: MarkerArray | None = None
         self._surface: tuple[Array, IndexArray] | None = None
         self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
@@ -113,10 +120,13 @@ class Picture:
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view
             self._seen = ""
+            self._left.clear()
         self.robot = robot
         frames = [] if self._scene is None else list(self._scene.frames)
         self._error, self._error_label = "", None
-        self.stage = Stage(self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite)
+        self.stage = Stage(
+            self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite, dark=self.is_dark
+        )
         self.base = BaseHandle(self._server.scene, self._inbox, self._on_base)
         self.stage.set_pull_mode(self._pull_mode)
         self.show(self.view)
@@ -184,9 +194,10 @@ class Picture:
             )
             for body in bodies
         ]
+        self.rest = parts, (points * MM).astype(np.float32)
         with self._server.atomic():
-            self.stage.show_surface(parts, (points * MM).astype(np.float32))
-            self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.zones)
+            self.stage.show_surface(*self.rest)
+            self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.regions)
         if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
             self._seen = told.robot.name
             self.reset_view()
@@ -199,6 +210,11 @@ class Picture:
         return fits and told.owns("mesh/topology", surface) and told.owns("mesh/tetrahedra", elements)
 
     # --- what moves -----------------------------------------------------------------------------------
+
+    @property
+    def has_news(self) -> bool:
+        """Whether the bodies have moved since the last frame."""
+        return self._points is not None
 
     def _on_points(self, message: PointCloud2) -> None:
         self._points = message
@@ -216,6 +232,7 @@ class Picture:
             rows = read_point_cloud(message)
             self.stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
             self.stage.normals.update(self.stage.surface.points, self.stage.surface.triangles, now)
+            self.stage.shadow.follow(self.stage.surface.points, self.stage.surface.triangles, now)
             if self.stage.pull is not None:
                 self.stage.draw_rope()
         frames, self._frames = self._frames, None
@@ -233,12 +250,18 @@ class Picture:
     def show(self, view: ViewSettings) -> None:
         """Show what a view says; large messages are asked for only while they are needed. Cameras stay."""
         self.view = view
-        self.stage.obey(NOTHING if self._error else view)
+        self.stage.obey(NOTHING if self._error or self._is_aside else view)
         self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
         self._want(
             MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
         )
+
+    def put_aside(self, aside: bool) -> None:
+        """Show nothing of what runs, while something else is shown in its place."""
+        if aside != self._is_aside:
+            self._is_aside = aside
+            self.show(self.view)
 
     def show_error(self, sentence: str) -> None:
         """Show a sentence in place of the scene; an empty one shows the scene again."""
@@ -263,10 +286,21 @@ class Picture:
         """Show the present view with other values of some of its fields."""
         self.show(replace(self.view, **values))
 
+    def set_dark(self, dark: bool) -> None:
+        """Take the colours of a bright or a dark page."""
+        self.is_dark = dark
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
+        self.stage.paint(dark)
+
     def set_pull_mode(self, on: bool) -> None:
         """Let a plain drag pull, too, where there is no Shift key."""
         self._pull_mode = on
         self.stage.set_pull_mode(on)
+
+    def extent(self, axis: int) -> tuple[float, float]:
+        """Lowest and highest place of the bodies at rest along an axis in [mm]; 0 and 0 without any."""
+        along = self.rest[1][:, axis]
+        return (float(along.min()), float(along.max())) if len(along) else (0.0, 0.0)
 
     def hide(self, part: str, hidden: bool) -> None:
         """Hide or show a part of the scene, such as "bodies/silicone"."""
@@ -280,13 +314,29 @@ class Picture:
 
     def reset_view(self) -> None:
         """Move every camera to where the view says, or to where it sees the bodies."""
+        self._left.clear()
         camera = self.view.camera
         if camera is None:
-            position, target = camera_for(self.stage.surface.points)
+            points = np.concatenate([self.stage.surface.points, MM * landmarks(self.robot)])
+            position, target = camera_for(points)
         else:
             position = tuple(MM * each for each in camera.position)
             target = tuple(MM * each for each in camera.target)
         move_cameras(self._server, position, target)
+
+    def welcome(self, client: Any) -> None:
+        """A browser has come: it sees the scene as one left it; at first, from farther in a narrow window."""
+        camera, is_narrow = self._server.initial_camera, client.camera.aspect < 1.0
+        if is_narrow in self._left:
+            client.camera.position, client.camera.look_at = self._left[is_narrow]
+            client.camera.up_direction = (0.0, 0.0, 1.0)
+        elif is_narrow:
+            move_camera(client, camera.position.tolist(), camera.look_at.tolist())
+
+    def leave(self, client: Any) -> None:
+        """A browser has gone: the next one, with a window as wide or as narrow, sees what it saw last."""
+        position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
+        self._left[client.camera.aspect < 1.0] = tuple(position), tuple(target)
 
     def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
         """Subscribe to a topic while it is wanted."""
@@ -294,6 +344,15 @@ class Picture:
             self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, NEWEST_ONLY)
         elif not wanted and topic in self._on_demand:
             self._node.destroy_subscription(self._on_demand.pop(topic))
+
+
+def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
+    """Servos, ends of cables and loads, which a first view shows besides bodies: in [m], shape (k, 3)."""
+    scene = robot.scene
+    places = [joint.base.translation for joint in scene.joints if joint.horn_length > 0.0]
+    pulls = [getattr(joint.actuator, "pull_point", None) for joint in scene.joints]
+    loads = [body.pose.translation for body in scene.rigid_bodies if body.mass is not None]
+    return np.array([*places, *filter(None, pulls), *loads], np.float32).reshape(-1, 3)
 
 
 def _pose_rows(message: PoseArray) -> Array:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from softsim_core.scene.description import JointDescription
 from softsim_ros.client.state import RobotState
 from softsim_ros.client.wishes import format_position
-from softsim_ros.viewer.surface import MM, band_colours
+from softsim_ros.viewer.surface import MM
 
 GREEN, AMBER, RED, GREY = "#2b8a3e", "#e67700", "#c92a2a", "#868e96"
 
@@ -49,7 +49,8 @@ def joint_bars(
                 f"<span>{_short(joint, lower)}</span><span>{_short(joint, upper)}</span></div>"
             )
         rows.append(
-            f'<div style="display:flex;justify-content:space-between"><b>{html.escape(joint.name)}</b>'
+            '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;gap:0 10px">'
+            f"<b>{html.escape(joint.name)}</b>"  # in a narrow panel the numbers take a line of their own
             f"<span>{html.escape(format_position(joint, position))} &nbsp; {effort}</span></div>{bar}"
         )
     return box("".join(rows))
@@ -82,11 +83,10 @@ def lamps(states: Sequence[tuple[str, str]]) -> str:
     return box("".join(lamp.format(colour=colour, word=html.escape(word)) for word, colour in states))
 
 
-def legend(highest: float, colours: Sequence[tuple[int, int, int]] | None = None) -> str:
-    """The stress scale from 0 to `highest` in [Pa]."""
+def legend(highest: float, colours: Sequence[tuple[int, int, int]]) -> str:
+    """The stress scale from 0 to `highest` in [Pa], a colour for each band."""
     cells = "".join(
-        f'<div style="flex:1;height:12px;background:rgb({r},{g},{b})"></div>'
-        for r, g, b in colours or band_colours()
+        f'<div style="flex:1;height:12px;background:rgb({r},{g},{b})"></div>' for r, g, b in colours
     )
     return box(
         f'<b>von Mises stress</b><div style="display:flex">{cells}</div>'

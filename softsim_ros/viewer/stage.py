@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,39 @@ from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.client.state import EffectorPose
 from softsim_ros.viewer.collision_view import CollisionView
+from softsim_ros.viewer.ground_shadow import GroundShadow
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.marker_view import MarkerView, RigidView
 from softsim_ros.viewer.normals_view import NormalsView
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.surface import MM, Part, SurfaceView
+from softsim_ros.viewer.trail import Trail
 
 CAMERA_DIRECTION: Final = (0.5, -0.72, 0.48)
-CAMERA_DISTANCE: Final = 1.15
+CAMERA_FOV: Final = 0.7
+"""Angle in [rad] that cameras see from bottom to top: little, so that near and far parts look alike."""
+CAMERA_DISTANCE: Final = 1.65
 """Where the camera starts: this way from the middle of the bodies, so many times their diagonal away."""
 
-BACKGROUND: Final = (222, 228, 235)
+NARROW_SHIFT: Final = 0.2
+"""Share of the height of a narrow window by which what is looked at goes up."""
+
+
+class Looks(NamedTuple):
+    """Colours and light around the bodies, red, green, blue in 0..255."""
+
+    background: tuple[int, int, int]
+    cells: tuple[int, int, int]
+    sections: tuple[int, int, int]
+    studio: float
+    shadow: float
+
+
+BRIGHT: Final = Looks((226, 231, 237), (198, 205, 213), (168, 176, 186), 0.35, 0.42)
+LAMP_DIRECTION: Final = (0.35, -0.45, 0.82)
+"""From where the light comes."""
+DARK: Final = Looks((24, 28, 33), (44, 50, 57), (66, 74, 84), 0.30, 0.75)
 FLOOR_MM: Final = -20.0
 """Height of the grid; where bodies hang below z = 0, it lies as far below their lowest point at rest."""
 
@@ -45,6 +66,7 @@ class Stage:
         frames: Names of its frames in the order of their poses.
         on_goal: Called with a dragged goal, in [m].
         lite: Cheap light and no shadows, for machines without a graphics card.
+        dark: Light on dark ground.
     """
 
     def __init__(
@@ -56,24 +78,24 @@ class Stage:
         on_goal: Callable[[EffectorPose], None],
         *,
         lite: bool,
+        dark: bool,
     ) -> None:
         self._server, self._inbox, self._on_goal = server, inbox, on_goal
-        scene = server.scene
+        scene, self._lite = server.scene, lite
         if lite:
             scene.configure_environment_map(None)
             scene.configure_default_lights(cast_shadow=False)
             scene.add_light_hemisphere("/lights/sky", intensity=1.5)
         else:
-            scene.configure_environment_map("studio", environment_intensity=0.35)
-        scene.set_background_image(np.full((2, 2, 3), BACKGROUND, np.uint8), format="png")
+            scene.configure_default_lights(enabled=False)
+            scene.add_light_hemisphere("/lights/sky", ground_color=BRIGHT.sections, intensity=0.7)
+            scene.add_light_directional("/lights/lamp", position=LAMP_DIRECTION, intensity=1.6)
         self._floor = scene.add_grid(
             "/floor",
             width=300.0,
             height=300.0,
             cell_size=10.0,
             section_size=50.0,
-            cell_color=(190, 198, 206),
-            section_color=(160, 168, 178),
             fade_distance=2000.0,
             shadow_opacity=0.0,
             position=(0.0, 0.0, FLOOR_MM),
@@ -81,6 +103,8 @@ class Stage:
         self._axes = scene.add_frame(
             "/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM)
         )
+        self.shadow = GroundShadow(scene)
+        self.paint(dark)
         self.surface = SurfaceView(scene, self._on_mesh)
         self.normals = NormalsView(scene)
         self.inner = InnerView(scene, robot, frames)
@@ -92,6 +116,7 @@ class Stage:
         self.contacts = MarkerView(scene, "contacts")
         self.collisions = CollisionView(scene)
         self.rigid = RigidView(scene)
+        self.trail = Trail(scene)
         self.pull: Pull | None = None
         self.pull_mode = False
         self._rope: Any = None
@@ -100,17 +125,28 @@ class Stage:
         self._goal_dragged = False
         self._goal_pose: tuple[float, ...] | None = None
 
+    def paint(self, dark: bool) -> None:
+        """Take the colours of a bright or a dark page."""
+        scene, looks = self._server.scene, DARK if dark else BRIGHT
+        if not self._lite:
+            scene.configure_environment_map("studio", environment_intensity=looks.studio)
+        scene.set_background_image(np.full((2, 2, 3), looks.background, np.uint8), format="png")
+        self._floor.cell_color, self._floor.section_color = looks.cells, looks.sections
+        self.shadow.opacity = looks.shadow
+
     def show_surface(self, parts: list[Part], points: NDArray[np.float32]) -> None:
         """Take bodies by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
         self.surface.show(parts, points)
         height = floor_height(points)
         self._floor.position = (0.0, 0.0, height)
         self._axes.position = (-100.0, -100.0, height)
+        self.shadow.begin(points, height)
 
     def show_rigid(self, message: MarkerArray) -> None:
         """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
         self.rigid.show(message)
         self._floor.visible = not message.markers
+        self.shadow.switch(self._floor.visible)
 
     def obey(self, view: ViewSettings) -> None:
         """Show what a view says; the camera stays."""
@@ -121,6 +157,7 @@ class Stage:
         self.chambers.switch(view.chambers, view.hidden)
         self.contacts.switch(view.contacts)
         self.collisions.obey(view)
+        self.trail.switch(view.trail)
         self.rigid.switch(view.rigid, axes=view.frames, hidden=view.hidden)
 
     # --- goal -----------------------------------------------------------------------------------------
@@ -224,15 +261,35 @@ def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[fl
         points = np.array([[-60.0, -60.0, 0.0], [60.0, 60.0, 30.0]], dtype=np.float32)
     lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
     diagonal = float(np.linalg.norm(upper - lower))
-    target = 0.5 * (lower + upper) - (0.0, 0.0, 0.12 * diagonal)
+    below = 0.12 * float(np.linalg.norm((upper - lower)[:2]))  # room for the shadow
+    target = 0.5 * (lower + upper) - (0.0, 0.0, below)
     position = target + CAMERA_DISTANCE * diagonal * np.array(CAMERA_DIRECTION)
     return tuple(position.tolist()), tuple(target.tolist())
+
+
+def for_window(
+    position: Sequence[float], target: Sequence[float], aspect: float
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The same view in a window of that width over height: a narrow one, as of a phone, is seen from farther.
+
+    There the panel takes the lower half, so what is looked at goes up.
+    """
+    if aspect >= 1.0:
+        return tuple(position), tuple(target)
+    looked_at = np.array(target, float)
+    way = (np.array(position, float) - looked_at) / max(aspect, 0.2)
+    looked_at[2] -= 2.0 * NARROW_SHIFT * np.linalg.norm(way) * np.tan(0.5 * CAMERA_FOV)
+    return tuple((looked_at + way).tolist()), tuple(looked_at.tolist())
 
 
 def move_cameras(server: Any, position: Sequence[float], target: Sequence[float]) -> None:
     """Move the camera of every browser, and of those to come; in [mm]."""
     server.initial_camera.position, server.initial_camera.look_at = position, target
     for client in server.get_clients().values():
-        client.camera.position = position
-        client.camera.look_at = target
-        client.camera.up_direction = (0.0, 0.0, 1.0)
+        move_camera(client, position, target)
+
+
+def move_camera(client: Any, position: Sequence[float], target: Sequence[float]) -> None:
+    """Move the camera of one browser; in [mm]."""
+    client.camera.position, client.camera.look_at = for_window(position, target, client.camera.aspect)
+    client.camera.up_direction = (0.0, 0.0, 1.0)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
+from cmap import Colormap
 from numpy.typing import NDArray
 
 from softsim_core.arrays import IndexArray
-from softsim_core.scene.view import ViewSettings
-from softsim_ros.messages import stress_colours
+from softsim_core.scene.view import Section, StressMap, ViewSettings
 
 MM: Final = 1000.0
 """The page shows millimetres."""
@@ -22,6 +23,11 @@ BANDS: Final = 12
 
 REGROUP_PERIOD_S: Final = 0.2
 """Triangles are sorted into bands this often, in [s]; in between only vertices move."""
+
+GHOST_COLOUR: Final = (134, 142, 150)
+GHOST_OPACITY: Final = 0.18
+NO_FACES: Final = np.zeros((1, 3), np.uint32)
+"""Triangles of a mesh that shall not be seen."""
 
 Points = NDArray[np.float32]
 
@@ -48,10 +54,11 @@ def band_edges(highest: float) -> list[float]:
     return [highest * band / BANDS for band in range(BANDS)]
 
 
-def band_colours() -> list[tuple[int, int, int]]:
+@cache
+def band_colours(stress_map: StressMap) -> tuple[tuple[int, int, int], ...]:
     """Red, green, blue in 0..255 of each band: the middle of its part of the scale."""
-    middles = (np.arange(BANDS) + 0.5) / BANDS
-    return [(int(r), int(g), int(b)) for r, g, b in np.rint(255.0 * stress_colours(middles, 1.0))]
+    table = Colormap(f"matplotlib:{stress_map}").lut(BANDS)[:, :3]
+    return tuple((int(r), int(g), int(b)) for r, g, b in np.rint(255.0 * table))
 
 
 def bands_of(stress: NDArray[Any], triangles: IndexArray, highest: float) -> NDArray[np.int64]:
@@ -83,6 +90,14 @@ def round_up(value: float) -> float:
     return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
 
 
+def kept(points: Points, triangles: IndexArray, section: Section | None) -> IndexArray:
+    """The triangles (k, 3) that a section leaves, by the middles of their corners; `points` in [mm]."""
+    if section is None:
+        return triangles
+    axis = "xyz".index(section.axis)
+    return triangles[points[:, axis][triangles].mean(axis=1) <= MM * section.at]
+
+
 @dataclass
 class _Band:
     mesh: Any
@@ -94,7 +109,7 @@ class SurfaceView:
 
     Attributes:
         points: Vertices of all bodies in [mm], shape (p, 3).
-        triangles: Those of the bodies that are not hidden, shape (k, 3).
+        triangles: Those of the bodies that are not hidden nor cut away, shape (k, 3).
 
     Args:
         scene: viser's scene.
@@ -104,45 +119,44 @@ class SurfaceView:
     def __init__(self, scene: Any, on_mesh: Callable[[Any], None]) -> None:
         self._scene, self._on_mesh = scene, on_mesh
         self._parts: list[Part] = []
-        self.triangles: IndexArray = np.zeros((0, 3), np.int64)
+        self._whole: IndexArray = np.zeros((0, 3), np.int64)
+        self._rest: Points = np.zeros((0, 3), np.float32)
         self._plain: list[tuple[Part, Any]] = []
         self._bands: list[_Band] = []
+        self._ghosts: list[Any] = []
         self._regrouped_at = -math.inf
+        self._view = ViewSettings()
+        self.triangles: IndexArray = self._whole
         self.points: Points = np.zeros((0, 3), np.float32)
         self.stress: Points = np.zeros(0, np.float32)
-        self.by_stress = False
-        self.visible = True
-        self.wireframe = False
-        self.hidden: frozenset[str] = frozenset()
-        self.top_stress = 0.0
         self.shown_top = 1.0
 
     def show(self, parts: list[Part], points: Points) -> None:
-        """Show another surface; `points` in [mm], shape (p, 3)."""
-        self._parts, self.points = parts, np.array(points)
+        """Show another surface at rest; `points` in [mm], shape (p, 3)."""
+        self._parts, self.points, self._rest = parts, np.array(points), np.array(points)
         self.stress = np.zeros(len(points), np.float32)
         self.rebuild()
 
     def obey(self, view: ViewSettings) -> None:
         """Show what a view says; meshes are made anew only where that is something else."""
-        self.top_stress = view.stress_top or 0.0
-        wanted = (view.bodies, view.stress, view.wireframe, frozenset(view.hidden))
-        if wanted != (self.visible, self.by_stress, self.wireframe, self.hidden):
-            self.visible, self.by_stress, self.wireframe, self.hidden = wanted
+        before, self._view = self._view, view
+        if _looks(before) != _looks(view):
             self.rebuild()
 
     def rebuild(self) -> None:
         """Make the meshes anew, after a switch was changed."""
-        for _, mesh in self._plain:
+        for mesh in (*(mesh for _, mesh in self._plain), *(band.mesh for band in self._bands), *self._ghosts):
             mesh.remove()
-        for band in self._bands:
-            band.mesh.remove()
-        self._plain, self._bands = [], []
-        shown = [part for part in self._parts if f"bodies/{part.name}" not in self.hidden]
-        self.triangles = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in shown)])
-        if not self.visible or not len(self.triangles):
+        self._plain, self._bands, self._ghosts = [], [], []
+        view = self._view
+        shown = [part for part in self._parts if f"bodies/{part.name}" not in view.hidden]
+        self._whole = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in shown)])
+        self.triangles = kept(self.points, self._whole, view.section)
+        if view.ghost:
+            self._ghosts = [self._ghost_of(part) for part in shown]
+        if not view.bodies or not len(self._whole):
             return
-        if self.by_stress:
+        if view.stress:
             self._make_bands()
         else:
             self._make_plain(shown)
@@ -154,8 +168,12 @@ class SurfaceView:
         self.points, self.stress = points, stress
         for part, mesh in self._plain:
             mesh.vertices = points[slice(*part.points)]
-        if self._bands and now - self._regrouped_at >= REGROUP_PERIOD_S:
+        sorts = self._bands or self._view.section is not None
+        if sorts and now - self._regrouped_at >= REGROUP_PERIOD_S:
             self._regrouped_at = now
+            self.triangles = kept(points, self._whole, self._view.section)
+            for part, mesh in self._plain:
+                mesh.faces = self._faces_of(part)
             self._regroup()
         else:
             for band in self._bands:
@@ -171,24 +189,42 @@ class SurfaceView:
             mesh = self._scene.add_mesh_simple(
                 f"/bodies/{part.name}",
                 self.points[slice(*part.points)],
-                (part.triangles - part.points[0]).astype(np.uint32),
+                self._faces_of(part),
                 color=tuple(round(255 * channel) for channel in rgb),
                 opacity=None if alpha >= 1.0 else alpha,
-                wireframe=self.wireframe,
+                wireframe=self._view.wireframe,
                 side="double",
             )
             self._plain.append((part, mesh))
             self._on_mesh(mesh)
 
+    def _faces_of(self, part: Part) -> NDArray[np.uint32]:
+        """What is drawn of a part, numbered by its own vertices; a point where all of it is cut away."""
+        left = kept(self.points, part.triangles, self._view.section)
+        return (left - part.points[0]).astype(np.uint32) if len(left) else NO_FACES
+
+    def _ghost_of(self, part: Part) -> Any:
+        """A body as it is at rest."""
+        return self._scene.add_mesh_simple(
+            f"/ghost/{part.name}",
+            self._rest[slice(*part.points)],
+            (part.triangles - part.points[0]).astype(np.uint32),
+            color=GHOST_COLOUR,
+            opacity=GHOST_OPACITY,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
     def _make_bands(self) -> None:
-        for index, colour in enumerate(band_colours()):
+        for index, colour in enumerate(band_colours(self._view.stress_map)):
             mesh = self._scene.add_mesh_simple(
                 f"/stress/{index:02d}",
                 self.points[:3],
-                np.zeros((1, 3), np.uint32),
+                NO_FACES,
                 color=colour,
                 flat_shading=True,
-                wireframe=self.wireframe,
+                wireframe=self._view.wireframe,
                 side="double",
             )
             self._bands.append(_Band(mesh))
@@ -197,8 +233,8 @@ class SurfaceView:
 
     def _regroup(self) -> None:
         highest = float(np.max(self.stress, initial=0.0))
-        if self.top_stress > 0.0:
-            self.shown_top = self.top_stress
+        if self._view.stress_top is not None:
+            self.shown_top = self._view.stress_top
         elif (
             highest > self.shown_top or round_up(highest) < 0.45 * self.shown_top
         ):  # no flicker between two tops
@@ -209,6 +245,12 @@ class SurfaceView:
             if len(own):
                 band.vertices, faces = compact(own, len(self.points))
             else:  # hiding it would leave holes for a frame, so it shrinks to a point
-                band.vertices, faces = np.arange(3), np.zeros((1, 3), np.uint32)
+                band.vertices, faces = np.arange(3), NO_FACES
             band.mesh.vertices = self.points[band.vertices]
             band.mesh.faces = faces
+
+
+def _looks(view: ViewSettings) -> tuple[object, ...]:
+    """What of a view its meshes depend on."""
+    how = (view.bodies, view.stress, view.stress_map, view.wireframe, view.ghost, view.section)
+    return (*how, frozenset(view.hidden))

@@ -22,6 +22,7 @@ from softsim_node.help import Program
 from softsim_node.parameters import declare
 from softsim_node.process import run_node
 from softsim_node.spinning import ready_callbacks
+from softsim_ros.client.editing import Editing
 from softsim_ros.client.log import RobotLog, Warnings
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
@@ -29,6 +30,8 @@ from softsim_ros.keys.parameters import KeySettings
 from softsim_ros.keys.table import unknown_keys
 from softsim_ros.runtime import ClosableNode
 from softsim_ros.viewer.controls import Controls, have_same_controls
+from softsim_ros.viewer.drive_tab import Hint
+from softsim_ros.viewer.edit_mode import EditMode
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
 from softsim_ros.viewer.page_parts import PageParts
 from softsim_ros.viewer.panel import Inbox
@@ -36,12 +39,17 @@ from softsim_ros.viewer.picture import Picture
 from softsim_ros.viewer.pull import MousePull
 from softsim_ros.viewer.requested import ViewerSettings, requested_settings
 from softsim_ros.viewer.spoken import Spoken
+from softsim_ros.viewer.stage import CAMERA_FOV
 from softsim_ros.viewer.step_statistics import StepStatistics
 from softsim_ros.viewer.surface import MM
 
 FRAME_S: Final = 1.0 / 30.0
 REFRESH_PERIOD_S: Final = 0.1
 PLOT_PERIOD_S: Final = 0.2
+PANEL_WIDTH: Final = 440
+"""Of the panel in pixels: all tabs in one row."""
+SEEN_MM: Final = (1.0, 100_000.0)
+"""Nearest and farthest that cameras see, in [mm]; without it, they see 1 m far."""
 
 
 class Viewer(ClosableNode):
@@ -67,6 +75,8 @@ class Viewer(ClosableNode):
         token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
+        self._server.initial_camera.near, self._server.initial_camera.far = SEEN_MM
+        self._server.initial_camera.fov = CAMERA_FOV
         self._inbox = Inbox()
         self.parts = self._make_parts(robot, settings)
         self._warnings = Warnings(self, self.parts.spoken.say)
@@ -74,6 +84,14 @@ class Viewer(ClosableNode):
         self._next_refresh = self._next_plot = 0.0
         self._controlled: RobotDescription | None = None
         self._build_page()
+        self._server.on_client_connect(self._on_client)
+        self._server.on_client_disconnect(self._on_client_gone)
+
+    async def _on_client(self, client: Any) -> None:
+        self._inbox.put(lambda: self.parts.picture.welcome(client))
+
+    async def _on_client_gone(self, client: Any) -> None:
+        self._inbox.put(lambda: self.parts.picture.leave(client))
 
     def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
         spoken = Spoken()
@@ -84,22 +102,25 @@ class Viewer(ClosableNode):
         def move_base(joint: str, position_mm: Array) -> None:
             simulator.move_base(joint, (position_mm / MM).tolist())
 
+        picture = Picture(
+            self,
+            self._server,
+            self._inbox,
+            self._on_scene,
+            client.inverse.give_goal,
+            move_base,
+            lite=settings.lite,
+        )
         return PageParts(
             client=client,
             keyboard=Keyboard(self, client, spoken.say),
             spoken=spoken,
-            picture=Picture(
-                self,
-                self._server,
-                self._inbox,
-                self._on_scene,
-                client.inverse.give_goal,
-                move_base,
-                lite=settings.lite,
-            ),
+            picture=picture,
             mouse=MousePull(simulator),
             statistics=StepStatistics(self),
             log=RobotLog(self),
+            edit=EditMode(self._server, self._inbox, picture, Editing(self, spoken.say), spoken.say),
+            hint=Hint(),
             is_local=is_loopback(settings.host),
         )
 
@@ -121,12 +142,15 @@ class Viewer(ClosableNode):
         with self._server.atomic():
             self._server.scene.reset()
             picture.build(robot)
+            self.parts.edit.build()
             if self._controlled is not None and have_same_controls(self._controlled, robot):
                 self.controls.scene.show(robot)
             else:
                 self._inbox.turn_page()
                 self._server.gui.reset()
-                self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+                picture.set_dark(picture.is_dark)
+                self._server.gui.main_panel.dock_right()
+                self._server.gui.main_panel.set_width(PANEL_WIDTH)
                 self.controls = Controls(self._server.gui, self._inbox, self.parts, self.get_namespace())
             self._controlled = robot
         picture.show_known()
@@ -161,7 +185,10 @@ class Viewer(ClosableNode):
     def _show_state(self, now: float) -> None:
         picture, state = self.parts.picture, self.parts.client.state
         picture.stage.show_goal((state.heard_goal or state.effector) if state.inverse else None, now)
+        if state.effector is not None:
+            picture.stage.trail.add(state.effector.position)
         picture.show_error(state.scene_error)
+        self.parts.edit.refresh()
         self.controls.refresh()
 
 
@@ -173,7 +200,7 @@ def serve(node: Viewer) -> None:
     due = time.monotonic()
     try:
         while node.context.ok() and not ending.asked:
-            ready_callbacks(executor)
+            ready_callbacks(executor, lambda: node.parts.picture.has_news)
             now = time.monotonic()
             node.frame(now)
             due = max(due + FRAME_S, now)

@@ -26,6 +26,7 @@ setup(
             "inverse_controller = softsim_ros.executables:inverse_controller",
             "observer = softsim_ros.executables:observer",
             "path_follower = softsim_ros.executables:path_follower",
+            "policy = softsim_ros.executables:policy",
             "recorder = softsim_ros.executables:recorder",
             "simulator = softsim_ros.executables:simulator",
             "softsim = softsim_ros.cli:main",

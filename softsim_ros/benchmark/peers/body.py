@@ -10,6 +10,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.model import FIXED
 from softsim_core.scene.builder import build
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Box
 
@@ -23,6 +24,7 @@ class HeldBody:
     """A deformable body with one box of held nodes.
 
     Attributes:
+        scene: What it is a part of: that body alone, held in one box.
         points: Rest positions in [m], shape (n, 3).
         tets: Tetrahedra, shape (m, 4).
         held: Indices of the held nodes, shape (k,).
@@ -35,6 +37,7 @@ class HeldBody:
         dt: Time step in [s].
     """
 
+    scene: SceneDescription
     points: Array
     tets: IndexArray
     held: IndexArray
@@ -85,6 +88,7 @@ def held_body(description: RobotDescription) -> HeldBody:
     body, box = description.scene.bodies[0], description.scene.attachments[0].box
     assert box is not None  # the scene held_centre holds a box
     return HeldBody(
+        scene=description.scene,
         points=model.rest,
         tets=model.groups[0].cells,
         held=np.flatnonzero(model.region_of_node == FIXED),

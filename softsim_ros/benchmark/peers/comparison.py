@@ -10,10 +10,11 @@ import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
+from softsim_core.scene.robot import RobotDescription
 from softsim_ros.benchmark.cases import Case
 from softsim_ros.benchmark.peers.body import Engine, HeldBody, PeerMissingError, held_body
 from softsim_ros.benchmark.peers.drake_body import DrakeBody
-from softsim_ros.benchmark.peers.mujoco_flex import CONVERGED_ITERATIONS, DEFAULT_ITERATIONS, MujocoFlex
+from softsim_ros.benchmark.peers.mujoco_flex import DEFAULT_ITERATIONS, MujocoFlex
 from softsim_ros.benchmark.records import Record
 from softsim_ros.benchmark.steps import FALL_STEPS, STEPS_A_TURN, known_paths
 from softsim_ros.benchmark.timing import Contender, take_turns
@@ -26,19 +27,19 @@ STEPS_A_TURN_OF_PEERS = 2
 ENGINES: tuple[Callable[[HeldBody], Engine], ...] = (
     DrakeBody,
     partial(DrakeBody, held=False),
-    partial(MujocoFlex, iterations=CONVERGED_ITERATIONS),
+    MujocoFlex,
     partial(MujocoFlex, iterations=DEFAULT_ITERATIONS),
 )
 
 
-def _falling_anew(engine: Engine, turns: int) -> Callable[[], None]:
-    """Restarts the engine before every `turns`-th turn: engines that iterate have little to do at rest."""
+def falling_anew(restart: Callable[[], None], turns: int) -> Callable[[], None]:
+    """Restarts an engine before every `turns`-th turn: engines that iterate have little to do at rest."""
     turn = 0
 
     def prepare() -> None:
         nonlocal turn
         if turn % turns == 0:
-            engine.restart()
+            restart()
         turn += 1
 
     return prepare
@@ -51,10 +52,10 @@ class OurBody:
     rests = True
     method = "corotational linear tetrahedra, one exact factorisation a step"
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, description: RobotDescription) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            self._simulation = Simulation(case.description, backend=known_paths()[0])
+            self._simulation = Simulation(description, backend=known_paths()[0])
         self.name = self._simulation.backend
 
     def restart(self) -> None:
@@ -90,10 +91,10 @@ def compare(case: Case, rounds: int) -> tuple[list[Record], list[str]]:
             missing.append(str(error))
     if not engines:
         return [], list(dict.fromkeys(missing))
-    ours = OurBody(case)
+    ours = OurBody(case.description)
     calls = [STEPS_A_TURN[known_paths()[0]], *[STEPS_A_TURN_OF_PEERS] * len(engines)]
     contenders = [
-        Contender(each.name, each.advance, steps, _falling_anew(each, max(1, FALL_STEPS // steps)))
+        Contender(each.name, each.advance, steps, falling_anew(each.restart, max(1, FALL_STEPS // steps)))
         for each, steps in zip((ours, *engines), calls, strict=True)
     ]
     times = take_turns(contenders, rounds)

@@ -1,0 +1,221 @@
+"""Steps per second of many copies of a scene, beside its single run and MuJoCo's batched steps of a flex."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from softsim_core import Batch, Simulation
+from softsim_core.errors import MjcfError
+from softsim_core.mjcf.engine import MujocoRun
+from softsim_core.mjcf.exporting import export_mjcf
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.benchmark.cases import describe
+from softsim_ros.benchmark.peers.body import held_body
+from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.timing import no_garbage_collection
+from softsim_ros.benchmark.touching import SCENES, TouchingScene
+
+MEASURED = (("tripod", "low"), ("tripod", "mid"), ("gripper_grasp", "low"))
+"""Scenes and meshes."""
+PEERS = (("held_centre", "low"), ("held_centre", "mid"))
+"""What is handed to MuJoCo: the Tripod's silicone, held, without joints."""
+COUNTS, QUICK_COUNTS = (1, 2, 8, 64, 256), (1, 8)
+WORKERS = (1, 2)
+SAMPLE_S = 0.25
+"""How long in [s] one sample takes, about."""
+COLD, LEAST = 2, 8
+"""Steps after each restart that are not timed, and those that are at least: contacts are looked for anew."""
+PER_CORE, TWO_WORKERS = 0.90, 1.8
+"""What is asked: of the single run's rate per core, and of two workers by one."""
+
+
+@dataclass(frozen=True)
+class BatchRate:
+    """Steps per second of some copies.
+
+    Attributes:
+        scene, mesh: See cases.
+        engine: "softsim" or "mujoco".
+        nodes: Of the scene.
+        copies, workers: How many.
+        rate: Steps of all copies per second of wall time, the best sample.
+        single: That of a single run in the same turns, by a plain Simulation, or MuJoCo with one copy.
+    """
+
+    scene: str
+    mesh: str
+    engine: str
+    nodes: int
+    copies: int
+    workers: int
+    rate: float
+    single: float
+
+    @property
+    def per_core(self) -> float:
+        """By the single run's rate and the cores in use, [-]."""
+        return self.rate / (self.single * min(self.workers, self.copies))
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        return {**asdict(self), "per_core": self.per_core}
+
+
+def measure_copies(
+    counts: Sequence[int], workers: Sequence[int], rounds: int, reference: Path
+) -> Iterator[BatchRate]:
+    """Measure all scenes, each in turns with its single run."""
+    for scene, mesh in MEASURED:
+        description = describe(scene, mesh, reference)
+        with warnings.catch_warnings():  # slivers of a mesh are no news here
+            warnings.simplefilter("ignore", UserWarning)
+            single = _in_motion(scene, description)
+            for count in counts:
+                for cores in (each for each in workers if each <= count):
+                    yield _rate(scene, mesh, description, single, (count, cores), rounds)
+
+
+def _in_motion(scene: str, description: RobotDescription) -> Simulation:
+    """A single run where the scene is measured."""
+    if scene in SCENES:
+        return TouchingScene(scene, description, "auto").simulation
+    simulation = Simulation(description)
+    simulation.command(list(description.poses["mid"]))
+    for _ in range(30):
+        simulation.step()
+    return simulation
+
+
+def _rate(
+    scene: str,
+    mesh: str,
+    description: RobotDescription,
+    single: Simulation,
+    size: tuple[int, int],
+    rounds: int,
+) -> BatchRate:
+    count, workers = size
+    home, middle = single.snapshot(), single.joint_targets
+    spread = np.random.default_rng(1).uniform(-1e-3, 1e-3, (count, len(middle)))
+    best = alone = 0.0
+    with Batch(description, count, workers) as batch, no_garbage_collection():
+
+        def together(calls: int) -> float:
+            batch.restore(home)
+            batch.command(middle + spread)
+            batch.step(COLD)
+            started = perf_counter()
+            batch.step(calls)
+            return count * calls / (perf_counter() - started)
+
+        def by_itself(calls: int) -> float:
+            taken, steps = 0.0, 0
+            while taken < SAMPLE_S:
+                single.restore(home)
+                single.command(middle + spread[0])
+                for _ in range(COLD):
+                    single.step()
+                started = perf_counter()
+                for _ in range(calls):
+                    single.step()
+                taken, steps = taken + perf_counter() - started, steps + calls
+            return steps / taken
+
+        calls = max(LEAST, round(SAMPLE_S * together(LEAST) / count))
+        for _ in range(rounds):
+            best, alone = max(best, together(calls)), max(alone, by_itself(calls))
+    single.restore(home)
+    return BatchRate(scene, mesh, "softsim", len(single.positions), count, workers, best, alone)
+
+
+def measure_peer(
+    counts: Sequence[int], workers: Sequence[int], rounds: int, reference: Path
+) -> Iterator[BatchRate]:
+    """Measure MuJoCo's own batched steps (mujoco.rollout) of the held silicone as a flex.
+
+    Raises:
+        MjcfError: MuJoCo is not installed.
+    """
+    for scene, mesh in PEERS:
+        body = held_body(describe(scene, mesh, reference))
+        run = MujocoRun(export_mjcf(body.scene).text)
+        mujoco, rollout = import_module("mujoco"), import_module("mujoco.rollout")
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        start = np.zeros(mujoco.mj_stateSize(run.model, full))
+        mujoco.mj_getState(run.model, run.data, start, full)
+        alone = 0.0
+        for count in counts:
+            for threads in (each for each in workers if each <= count):
+                rooms = [mujoco.MjData(run.model) for _ in range(threads)]
+                states = np.tile(start, (count, 1))
+                best, calls = 0.0, 2
+                for _ in range(rounds):
+                    started = perf_counter()
+                    rollout.rollout(run.model, rooms, states, nstep=calls)
+                    taken = perf_counter() - started
+                    best = max(best, count * calls / taken)
+                    calls = max(2, math.ceil(SAMPLE_S * best / count))
+                alone = alone or best
+                yield BatchRate(scene, mesh, "mujoco", len(body.points), count, threads, best, alone)
+
+
+def peer_missing() -> str | None:
+    """Why MuJoCo is not measured; None: it is there."""
+    try:
+        import_module("mujoco.rollout")
+    except (ImportError, MjcfError) as error:
+        return f"MuJoCo is not measured: {error}; pip install 'softsim[peers]'"
+    return None
+
+
+def missed(rates: Sequence[BatchRate]) -> list[str]:
+    """What is slower than asked, a line each."""
+    ours = [each for each in rates if each.engine == "softsim"]
+    lines = [
+        f"{each.scene} {each.mesh}, {each.copies} copies: {each.per_core:.2f} of the single run per core, "
+        f"target >= {PER_CORE}"
+        for each in ours
+        if each.workers == 1 and each.per_core < PER_CORE
+    ]
+    for two in (each for each in ours if each.workers == 2):
+        for one in ours:
+            if (one.scene, one.mesh, one.copies, one.workers) == (two.scene, two.mesh, two.copies, 1):
+                gain = two.rate / two.single * one.single / one.rate
+                if gain < TWO_WORKERS:
+                    lines.append(
+                        f"{two.scene} {two.mesh}, {two.copies} copies: two workers {gain:.2f} times one, "
+                        f"target >= {TWO_WORKERS}"
+                    )
+    return lines
+
+
+def rate_table(rates: Sequence[BatchRate]) -> list[str]:
+    """The rates as lines of aligned columns, head first."""
+    head = ("engine", "scene", "mesh", "nodes", "copies", "cores", "steps/s", "single", "per core")
+    return aligned(
+        [
+            head,
+            *(
+                (
+                    each.engine,
+                    each.scene,
+                    each.mesh,
+                    str(each.nodes),
+                    str(each.copies),
+                    str(each.workers),
+                    f"{each.rate:.0f}",
+                    f"{each.single:.0f}",
+                    f"{each.per_core:.2f}",
+                )
+                for each in rates
+            ),
+        ]
+    )

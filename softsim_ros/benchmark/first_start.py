@@ -1,0 +1,201 @@
+"""The first start of a fresh copy of the checkout: empty environment, empty caches, each phase timed."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+MOTION_WITHIN_S: Final = 45.0
+KERNELS_WITHIN_S: Final = 90.0
+"""Targets on an idle machine with two cores, from the command to the first motion and to the kernels."""
+
+MOTION, KERNELS = "first motion is published", "compiled kernels run"
+
+TOLD_RAD, MOVED_RAD = 0.3, 1e-3
+END_WITHIN_S: Final = 30.0
+INSTALL_WITHIN_S: Final = 900.0
+"""What has not happened by then is not waited for, in [s]."""
+
+LEFT_OUT: Final = (".git", ".softsim*", "__pycache__", ".*_cache", "*.egg-info", "build")
+FORGOTTEN: Final = (
+    "PYTHONPATH", "VIRTUAL_ENV", "SOFTSIM_HOME", "NUMBA_CACHE_DIR", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)  # fmt: skip
+
+_LINES: Final = (  # of the command -> the phase that has ended then
+    (re.compile(r"^\[\d/\d\] ([^:]+): done"), None),
+    (re.compile(r"^starting "), "the program has started"),
+    (re.compile(r"\]: simulating "), "the simulator runs"),
+    (re.compile(r"\]: kernels compiled: "), KERNELS),
+)
+
+
+class FirstStart:
+    """Starts it and notes when each phase has ended.
+
+    Args:
+        checkout: What is copied.
+        robot: Which robot is started.
+        say: Gets each phase with its time, in words, when it has ended.
+
+    Attributes:
+        phases: When each ended, since the command was given, in [s].
+    """
+
+    def __init__(self, checkout: Path, robot: str, say: Callable[[str], None]) -> None:
+        self._checkout, self._robot, self._say = checkout, robot, say
+        self._began = 0.0
+        self._news = threading.Condition()
+        self.phases: dict[str, float] = {}
+        self.output: list[str] = []
+
+    def run(self, within_s: float) -> int | None:
+        """Start, wait until compiled kernels run, end; the exit code, None: they did not run in time."""
+        with tempfile.TemporaryDirectory(prefix="softsim-first-") as folder, contextlib.ExitStack() as stack:
+            copy = Path(folder) / "checkout"
+            shutil.copytree(self._checkout, copy, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_OUT))
+            domain = 1 + os.getpid() % 100
+            self._began = time.monotonic()
+            process = subprocess.Popen(
+                ["./softsim", "up", self._robot, "--headless", "--port", str(_free_port())],
+                cwd=copy,
+                env=_environment(Path(folder), domain),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,
+            )
+            stack.callback(_end, process)
+            reader = threading.Thread(target=self._read, args=(process,), daemon=True)
+            reader.start()
+            stack.enter_context(self._watching(domain))
+            with self._news:
+                self._news.wait_for(lambda: KERNELS in self.phases or not reader.is_alive(), within_s)
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = process.wait(END_WITHIN_S)
+                return code if code or KERNELS in self.phases else None
+            return None
+
+    def _read(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            self.output.append(line.rstrip())
+            for pattern, phase in _LINES:
+                if found := pattern.search(line):
+                    self._ended(phase or re.sub(r" (in /|\().*", "", found[1]))
+        with self._news:
+            self._news.notify_all()
+
+    def _ended(self, phase: str) -> None:
+        with self._news:
+            if phase not in self.phases:
+                self.phases[phase] = time.monotonic() - self._began
+                self._say(f"{self.phases[phase]:7.1f} s  {phase}")
+            self._news.notify_all()
+
+    @contextlib.contextmanager
+    def _watching(self, domain: int) -> Iterator[None]:
+        """Tell the joints to move as soon as they are heard, note when they do; nothing without ROS."""
+        try:
+            from rclpy.context import Context
+            from rclpy.executors import SingleThreadedExecutor
+            from rclpy.node import Node
+            from sensor_msgs.msg import JointState
+            from std_msgs.msg import Float64MultiArray
+        except ImportError:
+            yield
+            return
+        context = Context()
+        context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)
+        node = Node("_softsim_watch", context=context, use_global_arguments=False, enable_rosout=False)
+        first: list[float] = []
+        topic = f"/{self._robot}/position_controller/commands"
+        commands = node.create_publisher(Float64MultiArray, topic, 10)
+
+        def look(message: JointState) -> None:
+            now = [*message.position]
+            first.extend(now if not first else ())
+            if MOTION not in self.phases:
+                commands.publish(Float64MultiArray(data=[each - TOLD_RAD for each in first]))
+            if max((abs(a - b) for a, b in zip(now, first, strict=False)), default=0.0) > MOVED_RAD:
+                self._ended(MOTION)
+
+        node.create_subscription(JointState, f"/{self._robot}/joint_states", look, 10)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        over = threading.Event()
+
+        def spin() -> None:
+            while not over.is_set():
+                executor.spin_once(timeout_sec=0.02)
+
+        thread = threading.Thread(target=spin, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+            executor.shutdown()
+            node.destroy_node()
+            context.try_shutdown()
+
+
+def judged(phases: Mapping[str, float]) -> tuple[list[str], int]:
+    """A sentence on each target, and how many are missed."""
+    told, missed = [], 0
+    for phase, target in ((MOTION, MOTION_WITHIN_S), (KERNELS, KERNELS_WITHIN_S)):
+        seconds = phases.get(phase, math.inf)
+        missed += seconds > target
+        verdict = "as wanted" if seconds <= target else "missed; it is meant for an idle machine"
+        when = f"after {seconds:.1f} s" if seconds < math.inf else "not seen"
+        told.append(f"{phase}: {when}, target {target:g} s: {verdict}")
+    return told, missed
+
+
+def _environment(folder: Path, domain: int) -> dict[str, str]:
+    """That of this process, but with nothing of its environment, and caches that are empty."""
+    kept = {name: value for name, value in os.environ.items() if name not in FORGOTTEN}
+    own = [str(Path(sys.prefix) / "bin")]
+    path = [each for each in kept.get("PATH", "").split(os.pathsep) if each not in own]
+    caches = ("UV_CACHE_DIR", "PIP_CACHE_DIR", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
+    for name in caches:
+        (folder / name).mkdir(mode=0o700)
+    return {
+        **kept,
+        "PATH": os.pathsep.join(path),
+        **{name: str(folder / name) for name in caches},
+        "SOFTSIM_PYTHON": str(Path(sys.base_prefix) / "bin" / f"python3.{sys.version_info.minor}"),
+        "ROS_DOMAIN_ID": str(domain),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    if process.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()

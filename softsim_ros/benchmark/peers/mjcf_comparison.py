@@ -1,0 +1,237 @@
+"""A MuJoCo model in MuJoCo and as a scene of ours, in one run: places over time, sags, times of a step."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_core.errors import MjcfError
+from softsim_core.mjcf.folder import write_imported
+from softsim_core.mjcf.importing import ImportedScene, import_mjcf
+from softsim_core.scene import load_scene
+from softsim_ros.benchmark.peers.comparison import falling_anew
+from softsim_ros.benchmark.peers.mujoco_flex import MujocoEngine
+from softsim_ros.benchmark.steps import known_paths
+from softsim_ros.benchmark.timing import Contender, take_turns
+
+LAWS = ("corotational", "saint_venant_kirchhoff")
+"""Ours by default, which is compiled, and MuJoCo's."""
+TIMES = 10
+"""So many moments are compared."""
+MOST_STEPS = 100_000
+STEPS_A_TURN, TURNS_A_FALL = 10, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """How far the soft and the free rigid bodies are from MuJoCo's, at one time.
+
+    Attributes:
+        time: In [s].
+        largest, mean: Largest distance and root of the mean square in [m].
+    """
+
+    time: float
+    largest: float
+    mean: float
+
+
+@dataclass(frozen=True, slots=True)
+class EngineRow:
+    """What one engine finds.
+
+    Attributes:
+        name: The engine, of ours with the law.
+        sags: How far in [m] the lowest point of each soft body is below its lowest point at the start.
+        speed: Largest speed in [m/s] at the end, of any vertex.
+        min_ms, median_ms: Time of a step in [ms].
+        samples: Steps that were timed.
+        moments: Distances from MuJoCo; none of MuJoCo itself.
+        method: How it computes a step.
+    """
+
+    name: str
+    sags: dict[str, float]
+    speed: float
+    min_ms: float
+    median_ms: float
+    samples: int
+    moments: tuple[Moment, ...]
+    method: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModelComparison:
+    """A model in both engines.
+
+    Attributes:
+        file: The model.
+        version: MuJoCo's version.
+        dt: Time step in [s] of both.
+        seconds: Simulated time in [s].
+        nodes, elements: Of all soft bodies.
+        rows: MuJoCo, then ours with each law.
+        warnings: How many warnings MuJoCo gave.
+        told: What was not taken over.
+    """
+
+    file: Path
+    version: str
+    dt: float
+    seconds: float
+    nodes: int
+    elements: int
+    rows: tuple[EngineRow, ...]
+    warnings: int
+    told: tuple[str, ...]
+
+
+class _Ours:
+    """See Engine; a model as a scene of ours, of which the vertices and the free bodies are looked at."""
+
+    def __init__(self, imported: ImportedScene, file: Path, law: str) -> None:
+        self.simulation = Simulation(load_scene(file), backend=known_paths()[0])
+        self.name, self.rests = f"ours, {law}", True
+        self.method = "one exact factorisation a step"
+        self.version = ""
+        self._parts = [
+            (each.name, each.nodes) for each in self.simulation.bodies if each.name in imported.flexes
+        ]
+        self._rigid = [
+            [each.name for each in imported.scene.rigid_bodies].index(name) for name in imported.free
+        ]
+
+    def restart(self) -> None:
+        self.simulation.reset()
+
+    def advance(self) -> None:
+        self.simulation.step()
+
+    def soft(self) -> dict[str, Array]:
+        """Vertices of each soft body now in [m]."""
+        return {name: self.simulation.positions[nodes] for name, nodes in self._parts}
+
+    def rigid(self) -> Array:
+        """Centres of the free rigid bodies now in [m], shape (k, 3)."""
+        poses = self.simulation.rigid_poses
+        return np.array([poses[k].position for k in self._rigid]).reshape(-1, 3)
+
+
+class _Theirs(MujocoEngine):
+    """The same of MuJoCo."""
+
+    def __init__(self, imported: ImportedScene, file: Path) -> None:
+        super().__init__(file)
+        self._flexes, self._free = imported.flexes, tuple(imported.free.values())
+
+    def soft(self) -> dict[str, Array]:
+        points = self.points()
+        return {name: points[part] for name, part in self._flexes.items()}
+
+    def rigid(self) -> Array:
+        return self.bodies(self._free)
+
+
+def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) -> ModelComparison:
+    """Run a MuJoCo model in MuJoCo and in ours, both from rest, without control, with the model's own dt.
+
+    Args:
+        file: An MJCF file.
+        laws: Laws of our soft bodies, each a run of its own.
+        seconds: Simulated time in [s].
+        rounds: Turns of each engine when steps are timed.
+
+    Raises:
+        MjcfError: the model is refused.
+        SceneError, MeshError: it does not run as a scene.
+    """
+    with tempfile.TemporaryDirectory(prefix="softsim-mjcf-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        scenes = [import_mjcf(file, law) for law in laws]
+        if not scenes[0].scene.bodies:  # the law of nothing
+            laws, scenes = laws[:1], scenes[:1]
+        ours = [
+            _Ours(imported, write_imported(imported, Path(folder, law), file.name), law)
+            for imported, law in zip(scenes, laws, strict=True)
+        ]
+    theirs = _Theirs(scenes[0], file.absolute())
+    if seconds > MOST_STEPS * theirs.dt:
+        raise MjcfError(
+            file, f"takes more than {MOST_STEPS} steps for {seconds:g} s; ask for fewer --seconds"
+        )
+    engines: list[_Ours | _Theirs] = [theirs, *ours]
+    found = [_run(engine, seconds, theirs.dt) for engine in engines]
+    warned = theirs.warnings
+    contenders = [
+        Contender(each.name, each.advance, STEPS_A_TURN, falling_anew(each.restart, TURNS_A_FALL))
+        for each in engines
+    ]
+    times = take_turns(contenders, rounds)
+    rows = tuple(
+        EngineRow(
+            name=engine.name,
+            sags=run.sags,
+            speed=run.speed,
+            min_ms=float(times[engine.name].min()),
+            median_ms=float(np.median(times[engine.name])),
+            samples=len(times[engine.name]),
+            moments=() if engine is theirs else _distances(run, found[0]),
+            method=engine.method,
+        )
+        for engine, run in zip(engines, found, strict=True)
+    )
+    first = ours[0].simulation
+    return ModelComparison(
+        file, theirs.version, theirs.dt, seconds, *_sizes(first), rows, warned, scenes[0].told
+    )
+
+
+def _sizes(simulation: Simulation) -> tuple[int, int]:
+    return len(simulation.positions), len(simulation.tets) if simulation.bodies else 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """Places (n, 3) at some times in [s], sags and the last speed."""
+
+    times: tuple[float, ...]
+    places: tuple[Array, ...]
+    sags: dict[str, float]
+    speed: float
+
+
+def _run(engine: _Ours | _Theirs, seconds: float, dt: float) -> _Run:
+    steps = max(1, round(seconds / dt))
+    marks = np.unique(np.linspace(0, steps, TIMES + 1).round().astype(int))[1:].tolist()
+    engine.restart()
+    start = {name: float(points[:, 2].min()) for name, points in engine.soft().items()}
+    places, before = [], _all(engine)
+    for step in range(1, steps + 1):
+        if step == steps:
+            before = _all(engine)
+        engine.advance()
+        if step in marks:
+            places.append(_all(engine))
+    moved = np.linalg.norm(places[-1] - before, axis=1).max(initial=0.0)
+    sags = {name: start[name] - float(points[:, 2].min()) for name, points in engine.soft().items()}
+    return _Run(tuple(mark * dt for mark in marks), tuple(places), sags, float(moved / dt))
+
+
+def _all(engine: _Ours | _Theirs) -> Array:
+    return np.concatenate([*engine.soft().values(), engine.rigid()])
+
+
+def _distances(ours: _Run, theirs: _Run) -> tuple[Moment, ...]:
+    moments = []
+    for time, a, b in zip(ours.times, ours.places, theirs.places, strict=True):
+        far = np.linalg.norm(a - b, axis=1)
+        mean = float(np.sqrt((far**2).mean())) if len(far) else 0.0
+        moments.append(Moment(time, float(far.max(initial=0.0)), mean))
+    return tuple(moments)

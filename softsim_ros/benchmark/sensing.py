@@ -1,0 +1,103 @@
+"""What sensors cost: the stage `sensors` of a step, each alone and all together, read once per step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softsim_core import Simulation
+from softsim_core.arrays import Array
+from softsim_core.scene import load_scene
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.timing import no_garbage_collection
+
+SCENE = "sensed_finger"
+LIMIT_MS = 0.5
+"""All sensors of the scene cost at most this per step, on a machine of their own."""
+PULLED = 0.006
+"""Pull of the cable in [m]: the fingertip presses on the knob."""
+STEPS_A_TURN, LEAD_IN_STEPS = 10, 100
+ALL = "all of them"
+
+
+@dataclass(frozen=True)
+class SensorTime:
+    """Times of the stage `sensors` in [ms] per step.
+
+    Attributes:
+        sensor: Name and kind, or ALL.
+        min_ms, median_ms: Shortest and median.
+        limit: What is asked of ALL in [ms]; None: nothing.
+    """
+
+    sensor: str
+    min_ms: float
+    median_ms: float
+    limit: float | None = None
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is more than asked."""
+        return self.limit is not None and not self.min_ms <= self.limit
+
+    def as_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        return {
+            "sensor": self.sensor,
+            "min_ms": self.min_ms,
+            "median_ms": self.median_ms,
+            "limit": self.limit,
+        }
+
+
+class _Sensed:
+    """A scene that presses on what it feels, and how long its sensors took."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        self.simulation = Simulation(description, backend="numba")
+        self.simulation.command([PULLED])
+        for _ in range(LEAD_IN_STEPS):
+            self.simulation.step()
+        self.times: list[float] = []
+
+    def turn(self) -> None:
+        """Some more steps."""
+        for _ in range(STEPS_A_TURN):
+            self.simulation.step()
+            self.times.append(self.simulation.stage_times["sensors"])
+
+
+def measure_sensors(rounds: int) -> list[SensorTime]:
+    """Measure each sensor of the scene alone, and all, in turns."""
+    robot = load_scene(SCENE)
+    every = tuple(replace(each, rate=None) for each in robot.scene.sensors)
+    alone = {f"{each.name} ({each.kind})": (each,) for each in every}
+    groups: dict[str, tuple[SimulatedSensorDescription, ...]] = {**alone, ALL: every}
+    scenes = {
+        name: _Sensed(replace(robot, scene=replace(robot.scene, sensors=sensors)))
+        for name, sensors in groups.items()
+    }
+    with no_garbage_collection():
+        for _ in range(rounds):
+            for scene in scenes.values():
+                scene.turn()
+    return [_told(name, np.array(scene.times)) for name, scene in scenes.items()]
+
+
+def _told(name: str, times: Array) -> SensorTime:
+    return SensorTime(name, float(times.min()), float(np.median(times)), LIMIT_MS if name == ALL else None)
+
+
+def sensor_table(times: Sequence[SensorTime]) -> list[str]:
+    """The times as lines of aligned columns, head first."""
+    rows: list[tuple[str, ...]] = [("sensor", "min ms", "median ms", "target", "verdict")]
+    for each in times:
+        asked = (
+            ("", "") if each.limit is None else (f"<= {each.limit:g} ms", "MISSED" if each.missed else "ok")
+        )
+        rows.append((each.sensor, f"{each.min_ms:.3f}", f"{each.median_ms:.3f}", *asked))
+    return aligned(rows)

@@ -1,0 +1,1 @@
+"""A real servo board: `flash`, `calibrate-servos`."""

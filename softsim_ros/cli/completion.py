@@ -1,0 +1,107 @@
+"""`softsim completion SHELL`: what makes Tab complete commands, options, robots and materials."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from softsim_ros.cli.command import Command
+from softsim_ros.cli.parser import Parser
+
+SHELLS: Final = ("bash", "zsh", "fish")
+LINES: Final = {
+    "bash": "echo 'eval \"$(softsim completion bash)\"' >> ~/.bashrc",
+    "zsh": "echo 'eval \"$(softsim completion zsh)\"' >> ~/.zshrc",
+    "fish": "softsim completion fish > ~/.config/fish/completions/softsim.fish",
+}
+ASKED: Final = "_ARGCOMPLETE"
+"""A shell that asks for completions sets this variable."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("shell", choices=SHELLS, help="which shell")
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "once:\n" + "\n".join(f"  {line}" for line in LINES.values())
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the shell's code."""
+    try:
+        from argcomplete.shell_integration import shellcode
+    except ImportError:
+        print(
+            "softsim completion: argcomplete is not installed; pip install 'softsim[completion]'",
+            file=sys.stderr,
+        )
+        return 1
+    print(shellcode(["softsim"], shell=arguments.shell))
+    return 0
+
+
+def complete(commands: Mapping[str, Command]) -> None:
+    """Answer a shell that asks how its line may go on, and end the process.
+
+    Args:
+        commands: All, by name.
+    """
+    import argcomplete
+
+    words = os.environ.get("COMP_LINE", "").split()
+    parser = Parser(prog="softsim", allow_abbrev=False)
+    parser.add_argument("--version", action="store_true")
+    below = parser.add_subparsers()
+    for name, command in commands.items():
+        own = below.add_parser(name, help=command.help, allow_abbrev=False)
+        if name in words[1:2]:  # the others are not imported
+            command.imported().configure(own)
+            for action in own._actions:
+                names = _NAMES.get((name, action.dest), _NAMES.get(("", action.dest)))
+                if names is not None:
+                    action.completer = _completer(names)  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser, always_complete_options=True)
+
+
+def _completer(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
+    def complete(prefix: str, **_: Any) -> list[str]:
+        return [name for name in names() if name.startswith(prefix)]
+
+    return complete
+
+
+def _scenes() -> Iterable[str]:
+    from softsim_core.scene.files import known_scenes
+
+    return known_scenes()
+
+
+def _nodes() -> Iterable[str]:
+    from softsim_ros.cli.running.nodes import NODES
+
+    return NODES
+
+
+def _materials() -> Iterable[str]:
+    from softsim_core.fem.materials.elastomers import elastomer_names
+
+    return elastomer_names()
+
+
+def _data_sets() -> Iterable[str]:
+    from softsim_core.identification.files import known_data_sets
+
+    return known_data_sets()
+
+
+_NAMES: Final[dict[tuple[str, str], Callable[[], Iterable[str]]]] = {
+    ("", "robot"): _scenes,
+    ("scenes", "show"): _scenes,
+    ("run", "node"): _nodes,
+    ("material", "name"): _materials,
+    ("validate", "data_set"): _data_sets,
+    ("calibrate", "calibration"): _data_sets,
+}
+"""What an argument's names are: by command (empty: of any) and argument."""

@@ -1,0 +1,1 @@
+"""Robots at work, driven on topics alone: `demo`."""

@@ -1,0 +1,149 @@
+"""`softsim demo NAME`: a robot at work, driven on topics alone.
+
+grasp: the cable gripper lifts a cube, holds it and puts it down. pick_and_place: on an arm, it takes three
+objects from one tray to another.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import sys
+import time
+from typing import TYPE_CHECKING, Final, Protocol
+
+if TYPE_CHECKING:
+    from softsim_ros.client.services import Done
+    from softsim_ros.client.session import RobotSession
+
+DEMOS: Final = {
+    "grasp": ("softsim_ros.cli.demos.grasp", "Grasp"),
+    "pick_and_place": ("softsim_ros.cli.demos.pick_and_place", "PickAndPlace"),
+}
+"""Module and class of each demo: built with a node and a client, it is a Show."""
+
+PATIENCE_S = 60.0
+"""The simulator must send something new within this time, in [s]."""
+
+LOOK_PERIOD_S = 0.05
+
+
+class Show(Protocol):
+    """A plan that is sent once, and what topics tell of it.
+
+    Attributes:
+        duration_s: How long it takes, in simulated [s].
+        began: Simulated time at which it was sent in [s]; None: it was not.
+    """
+
+    duration_s: float
+    began: float | None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the simulator is heard and hears."""
+        ...
+
+    @property
+    def heard(self) -> int:
+        """How often the simulator has told where things are."""
+        ...
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds since the plan was sent."""
+        ...
+
+    @property
+    def phase(self) -> str:
+        """What is done now."""
+        ...
+
+    def begin(self, done: Done) -> None:
+        """Send the plan."""
+        ...
+
+    def told(self) -> tuple[list[str], bool]:
+        """What was measured, in sentences, and whether it is as wanted."""
+        ...
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("name", choices=tuple(DEMOS), help="which demo")
+    parser.add_argument("--robot", help="a name or a file in the place of the demo's own")
+    parser.add_argument(
+        "--speed", type=float, default=1.0, help="simulated seconds per second; 0 is as fast as possible (1)"
+    )
+    parser.add_argument("--check", action="store_true", help="exit code 1 when it misses its marks")
+    parser.epilog = "`softsim run viewer --ros-args -p robot:=cable_gripper` in another terminal shows it."
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate, send the plan, print what was measured."""
+    if not 0.0 <= arguments.speed <= 1000.0:
+        print("softsim demo: --speed must be between 0 and 1000", file=sys.stderr)
+        return 2
+    from rclpy.parameter import Parameter
+
+    from softsim_core.scene import load_scene
+    from softsim_node.process import ros_process
+    from softsim_ros.cli.running.one_at_a_time import only_one
+    from softsim_ros.client.robot_client import RobotClient
+    from softsim_ros.client.session import RobotSession
+    from softsim_ros.runtime import ClosableNode, SpinThread
+    from softsim_ros.simulator.simulator_node import Simulator
+
+    module, name = DEMOS[arguments.name]
+    show_class = getattr(importlib.import_module(module), name)
+    scene = load_scene(arguments.robot or show_class.robot)
+    parameters = [Parameter("publish_clock", value=True), Parameter("speed", value=arguments.speed)]
+    told: tuple[list[str], bool] | None = None
+    with only_one(scene.name), ros_process(), contextlib.ExitStack() as stack:
+        simulator = Simulator(scene, parameter_overrides=parameters)
+        stack.callback(simulator.close)
+        node = ClosableNode(arguments.name, namespace=simulator.get_namespace())
+        stack.callback(node.close)
+        client = RobotClient(node, scene)
+        show: Show = show_class(node, client)
+        stack.enter_context(SpinThread([simulator]))
+        robot = RobotSession(client, stack.enter_context(SpinThread([node])))
+        if _play(show, robot):
+            told = show.told()
+    if told is None:
+        return _unfinished()
+    sentences, passed = told
+    print("\n".join(sentences))
+    print(f"{arguments.name}: {'passed' if passed else 'missed its marks'}")
+    return int(arguments.check and not passed)
+
+
+def _unfinished() -> int:
+    """Say why the plan was not played to its end; returns the exit code."""
+    from softsim_node.ending import ending
+
+    if ending.asked:
+        print("softsim demo: ended before the plan was done", file=sys.stderr)
+        return 0
+    print("softsim demo: the simulator has stopped; see its messages above", file=sys.stderr)
+    return 1
+
+
+def _play(show: Show, robot: RobotSession) -> bool:
+    """Send the plan and watch until it is done; False when the simulator went silent, or on Ctrl-C."""
+    from softsim_node.ending import ending
+
+    phase, heard, heard_at = "", 0, time.monotonic()
+    while show.elapsed < show.duration_s:
+        if show.is_ready and show.began is None:
+            robot.do(show.begin)
+        if show.began is not None and show.phase != phase:
+            phase = show.phase
+            print(f"{phase} ...", flush=True)
+        if show.heard > heard:
+            heard, heard_at = show.heard, time.monotonic()
+        elif time.monotonic() - heard_at > PATIENCE_S or ending.asked or not robot.is_running:
+            return False
+        time.sleep(LOOK_PERIOD_S)
+    return True

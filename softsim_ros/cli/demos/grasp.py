@@ -1,0 +1,181 @@
+"""The grasp as a plan and what it must reach: commands go out on topics, poses come in on topics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from rclpy.node import Node
+
+from softsim_core.arrays import Array
+from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.client.services import Done
+from softsim_ros.client.state import RobotState
+
+LOWERED, LIFTED, CLOSED = -0.050, -0.020, 0.012
+"""Where the slide goes to grasp and to hold, and how far the cables are pulled, in [m]."""
+
+NEEDED_LIFT, ALLOWED_SLIP = 0.020, 0.002
+"""Least clearance between cube and floor and largest slip of the cube while it is held, in [m]."""
+
+NEEDED_HOLD_S = 5.0
+"""How long the cube is held at least, in [s]."""
+
+CUBE, FLOOR = "cube", "floor"
+SETTLE_S = 0.5
+"""The hold is measured from this time after the lift, in [s]."""
+
+
+class WayPoint(NamedTuple):
+    """Where the gripper is, and when: `time_s` after the start, pull of all cables and height in [m]."""
+
+    phase: str
+    time_s: float
+    pull: float
+    height: float
+
+
+PLAN = (
+    WayPoint("wait", 0.5, 0.0, 0.0),
+    WayPoint("lower", 2.0, 0.0, LOWERED),
+    WayPoint("close", 3.0, CLOSED, LOWERED),
+    WayPoint("squeeze", 3.5, CLOSED, LOWERED),
+    WayPoint("lift", 4.5, CLOSED, LIFTED),
+    WayPoint("hold", 10.5, CLOSED, LIFTED),
+    WayPoint("put down", 12.0, CLOSED, LOWERED),
+    WayPoint("open", 13.0, 0.0, LOWERED),
+    WayPoint("leave", 14.5, 0.0, 0.0),
+    WayPoint("rest", 15.0, 0.0, 0.0),
+)
+
+
+class Sample(NamedTuple):
+    """The cube at one time: time in [s], centre in [m] (3,), clearance of its lowest corner in [m]."""
+
+    time_s: float
+    centre: Array
+    clearance: float
+
+
+@dataclass(frozen=True)
+class GraspResult:
+    """What was measured.
+
+    Attributes:
+        lift: Least clearance between cube and floor during the hold in [m].
+        slip: Largest motion of the cube's centre during the hold in [m].
+        held: How long the hold was measured in [s].
+        returned: Clearance at the end in [m].
+        tension: Largest tension of a cable in [N].
+    """
+
+    lift: float
+    slip: float
+    held: float
+    returned: float
+    tension: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the cube was lifted, held and put down as wanted."""
+        return bool(
+            self.lift >= NEEDED_LIFT
+            and self.slip <= ALLOWED_SLIP
+            and self.held >= NEEDED_HOLD_S
+            and self.returned < NEEDED_LIFT / 10.0
+        )
+
+
+class Grasp:
+    """Sends the plan once and records what the topics tell about the cube.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        client: The gripper.
+    """
+
+    robot: ClassVar[str] = "cable_gripper"
+    duration_s: ClassVar[float] = PLAN[-1].time_s
+
+    def __init__(self, node: Node, client: RobotClient) -> None:
+        self._client = client
+        self.samples: list[Sample] = []
+        self.tension = 0.0
+        self.began: float | None = None
+        self._cables = [name.endswith("_cable") for name in client.robot.joint_names]
+        client.watch(self._on_change)
+        ShownBodies(node, self._on_poses)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the simulator is heard and hears."""
+        heard = bool(self.samples) and self._client.state.measured is not None
+        return heard and self._client.joints.are_followed
+
+    @property
+    def heard(self) -> int:
+        """How often the simulator has told where things are."""
+        return len(self.samples)
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds since the plan was sent."""
+        return self.samples[-1].time_s - self.began if self.began is not None else 0.0
+
+    @property
+    def phase(self) -> str:
+        """What the gripper does now."""
+        return next((point.phase for point in PLAN if self.elapsed < point.time_s), "done")
+
+    def begin(self, done: Done) -> None:
+        """Send the plan: one trajectory of all joints."""
+        names = self._client.robot.joint_names
+        way_points = [(point.time_s, {name: _target(name, point) for name in names}) for point in PLAN]
+        self.began = self.samples[-1].time_s
+        self._client.joints.follow(way_points, done)
+
+    def result(self) -> GraspResult:
+        """What was measured until now."""
+        began = self.began or 0.0
+        lifted, held = (
+            next(point.time_s for point in PLAN if point.phase == phase) for phase in ("lift", "hold")
+        )
+        hold = [each for each in self.samples if lifted + SETTLE_S <= each.time_s - began <= held]
+        if not hold:
+            return GraspResult(0.0, np.inf, 0.0, np.inf, self.tension)
+        return GraspResult(
+            lift=min(each.clearance for each in hold),
+            slip=max(float(np.linalg.norm(each.centre - hold[0].centre)) for each in hold),
+            held=hold[-1].time_s - hold[0].time_s,
+            returned=self.samples[-1].clearance,
+            tension=self.tension,
+        )
+
+    def told(self) -> tuple[list[str], bool]:
+        """What was measured, in sentences, and whether it is as wanted."""
+        result = self.result()
+        return [
+            f"lifted {1e3 * result.lift:.1f} mm clear of the floor (at least {1e3 * NEEDED_LIFT:.0f})",
+            f"held {result.held:.1f} s, slipped {1e3 * result.slip:.3f} mm (at most "
+            f"{1e3 * ALLOWED_SLIP:.0f}), largest tension {result.tension:.2f} N",
+            f"put down, {1e3 * result.returned:.2f} mm above the floor",
+        ], result.passed
+
+    def _on_poses(self, time_s: float, bodies: Mapping[str, ShownBody]) -> None:
+        if CUBE in bodies and FLOOR in bodies:
+            cube, floor = bodies[CUBE], bodies[FLOOR]
+            clearance = float(cube.corners[:, 2].min() - floor.corners[:, 2].max())
+            self.samples.append(Sample(time_s, cube.position, clearance))
+
+    def _on_change(self, state: RobotState) -> None:
+        pulls = (effort for effort, is_cable in zip(state.efforts, self._cables, strict=False) if is_cable)
+        self.tension = max(self.tension, *pulls, 0.0)
+
+
+def _target(joint: str, point: WayPoint) -> float:
+    if joint.endswith("_cable"):
+        return point.pull
+    return point.height if joint == "vertical" else 0.0

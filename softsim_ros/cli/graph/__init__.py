@@ -1,0 +1,1 @@
+"""The ROS graph from outside: `topics`."""

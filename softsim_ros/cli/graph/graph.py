@@ -1,0 +1,185 @@
+"""A look at the ROS graph from outside: topics, one topic's messages, one topic's rate."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from statistics import fmean
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from softsim_core.wrong_names import known_names
+from softsim_node import discovery
+from softsim_node.ending import ending
+from softsim_node.process import ros_process
+from softsim_ros.cli.graph.message_text import message_text
+from softsim_ros.client.discovery import FIRST_WITHIN_S, running_robots
+from softsim_ros.messages.types import load_message
+from softsim_ros.qos import hearing_all
+
+SETTLED_S = 1.0
+"""The graph counts as known when nothing new has appeared for this long."""
+TURN_S = 0.1
+REPORT_S = 1.0
+KEPT = 10
+"""So many messages may wait to be printed."""
+
+OWN_NAME = "_softsim_topics"
+
+
+def where() -> str:
+    """Which part of the ROS network this process sees, in words."""
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    return f"domain {domain}, discovery range {discovery.wished_range(os.environ)}"
+
+
+@contextlib.contextmanager
+def observer() -> Iterator[Node]:
+    """A node that only looks; Ctrl-C inside the `with` block ends it quietly."""
+    with ros_process():
+        node = Node(OWN_NAME, enable_rosout=False, start_parameter_services=False)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+
+
+def topic_rows(
+    node: Node, shown: Callable[[str], bool] = lambda name: True
+) -> list[tuple[str, str, int, int]]:
+    """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled.
+
+    Args:
+        node: Whose view of the graph.
+        shown: Tells by its name whether a topic counts.
+    """
+
+    def look() -> list[tuple[str, str, int, int]]:
+        rows = []
+        for name, types in node.get_topic_names_and_types():
+            others = [
+                sum(info.node_name != OWN_NAME for info in infos)
+                for infos in (
+                    node.get_publishers_info_by_topic(name),
+                    node.get_subscriptions_info_by_topic(name),
+                )
+            ]
+            if shown(name) and any(others):
+                rows.append((name, ", ".join(types), others[0], others[1]))
+        return sorted(rows)
+
+    rows, began = look(), time.monotonic()
+    changed = began
+    while not ending.asked and time.monotonic() - changed < (SETTLED_S if rows else FIRST_WITHIN_S):
+        _turn(node)
+        newer = look()
+        if newer != rows:
+            rows, changed = newer, time.monotonic()
+    return rows
+
+
+def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int | None, wait_s: float) -> int:
+    """Print a topic's messages, or its rate once a second, until Ctrl-C or `count` lines.
+
+    Args:
+        node: The looking node.
+        topic: Name; without a leading slash also below the namespace of a robot that runs.
+        show: True prints messages, False rates.
+        count: How many; None: until Ctrl-C.
+        limit: Longest array printed whole; None: any.
+        wait_s: Longest wait for a publisher in [s].
+
+    Returns:
+        Exit code.
+    """
+    found = _published(node, topic, wait_s)
+    if found is None:
+        if not ending.asked:
+            rows = [row[0] for row in topic_rows(node)]
+            known = known_names(topic, rows, lists_all="softsim topics")
+            print(f"softsim topics: nobody publishes {topic} in {where()}; {known}", file=sys.stderr)
+        return 1
+    topic, infos = found
+    type_name = infos[0].topic_type
+    try:
+        message_class = load_message(type_name)
+    except (ImportError, AttributeError):
+        print(f"softsim topics: the type {type_name} of {topic} is not installed here", file=sys.stderr)
+        return 1
+    seen = _Echo(limit) if show else _Rate()
+    raw = not show  # a rate needs no decoding
+    node.create_subscription(message_class, topic, seen, hearing_all(infos, KEPT), raw=raw)
+    while not ending.asked and (count is None or seen.lines < count):
+        _turn(node)
+        seen.report()
+    return 0
+
+
+def _published(node: Node, topic: str, wait_s: float) -> tuple[str, list[Any]] | None:
+    """The full name of a topic and its publishers; None: nobody publishes it within the wait in [s]."""
+    deadline = time.monotonic() + wait_s
+    while not ending.asked:
+        spaces = [] if topic.startswith("/") else ["", *(each.rstrip("/") for each in running_robots(node))]
+        for name in [f"{space}/{topic}" for space in spaces] or [topic]:
+            if infos := node.get_publishers_info_by_topic(name):
+                return name, infos
+        if time.monotonic() >= deadline:
+            return None
+        _turn(node)
+    return None
+
+
+def _turn(node: Node) -> None:
+    with contextlib.suppress(ExternalShutdownException):
+        rclpy.spin_once(node, timeout_sec=TURN_S)
+
+
+class _Echo:
+    """Prints each message."""
+
+    def __init__(self, limit: int | None) -> None:
+        self.limit, self.lines = limit, 0
+
+    def __call__(self, message: Any) -> None:
+        self.lines += 1
+        print(f"{message_text(message, self.limit)}\n---", flush=True)
+
+    def report(self) -> None:
+        """Nothing to add between messages."""
+
+
+class _Rate:
+    """Counts messages and prints their rate once a second."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.clock, self.lines = clock, 0
+        self.times: list[float] = []
+        self.sizes: list[int] = []
+        self.since = clock()
+
+    def __call__(self, message: bytes) -> None:
+        self.times.append(self.clock())
+        self.sizes.append(len(message))
+
+    def report(self) -> None:
+        """Print a line when a second has passed."""
+        now = self.clock()
+        if now - self.since < REPORT_S:
+            return
+        gaps = [later - sooner for sooner, later in zip(self.times, self.times[1:], strict=False)]
+        if gaps:
+            text = (
+                f"{1.0 / fmean(gaps):.1f} Hz  gaps {1e3 * min(gaps):.1f} to {1e3 * max(gaps):.1f} ms  "
+                f"{fmean(self.sizes):.0f} bytes a message"
+            )
+        else:
+            text = "no message in the last second" if not self.times else "one message in the last second"
+        print(text, flush=True)
+        self.lines += 1
+        self.times, self.sizes, self.since = self.times[-1:], self.sizes[-1:], now

@@ -1,0 +1,54 @@
+"""`softsim topics`: the live topics of the graph, their messages, their rates; works without ros2cli."""
+
+from __future__ import annotations
+
+import argparse
+
+OF_ROS = ("/parameter_events", "/rosout")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--echo", metavar="TOPIC", help="print the messages of a topic until Ctrl-C")
+    what.add_argument("--hz", metavar="TOPIC", help="measure the rate of a topic until Ctrl-C")
+    parser.add_argument("--count", type=int, metavar="N", help="end after N messages (with --hz: N reports)")
+    parser.add_argument("--full", action="store_true", help="with --echo: print long arrays whole")
+    parser.add_argument("--all", action="store_true", help="list ROS's own topics, too")
+    parser.add_argument(
+        "--wait", type=float, default=10.0, metavar="S", help="longest wait for a topic (10 s)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List, echo or measure."""
+    from softsim_ros.cli.graph import graph
+
+    with graph.observer() as observer:
+        if arguments.echo or arguments.hz:
+            return graph.follow(
+                observer,
+                arguments.echo or arguments.hz,
+                show=bool(arguments.echo),
+                count=arguments.count,
+                limit=None if arguments.full else 12,
+                wait_s=arguments.wait,
+            )
+        rows = graph.topic_rows(observer, lambda name: arguments.all or not _is_background(name))
+    if not rows:
+        print(f"no topics: no node runs in {graph.where()}; start one with: softsim up tripod")
+        return 0
+    _print_table(rows)
+    return 0
+
+
+def _print_table(rows: list[tuple[str, str, int, int]]) -> None:
+    head = ("topic", "type", "publishers", "subscribers")
+    widths = [max(len(str(row[column])) for row in [head, *rows]) for column in range(len(head))]
+    for row in [head, *rows]:
+        print("  ".join(f"{cell!s:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _is_background(name: str) -> bool:
+    """Whether a topic is ROS's own, or hidden by ROS's rule, such as those of an action."""
+    return name in OF_ROS or "/_" in name

@@ -1,0 +1,1 @@
+"""Models beside what was measured: `excite`, `validate`, `calibrate`."""

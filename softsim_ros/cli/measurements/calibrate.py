@@ -1,0 +1,181 @@
+"""`softsim calibrate CALIBRATION`: find parameters of a model from measurements, and say what is not told."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softsim_ros.cli.measurements.calibrate_report import (
+    Further,
+    plain,
+    sentences,
+    write_distribution,
+    write_overlay,
+)
+from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
+
+if TYPE_CHECKING:
+    from softsim_core.arrays import Array
+    from softsim_core.identification.fit import Calibration
+
+USUAL_ROUNDS = 5
+"""Most searches end within so many; what is told of the time to go assumes it, and then one more."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "calibration",
+        nargs="?",
+        help="a file, or the name of a data set that comes with one; none lists the known",
+    )
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the measured files")
+    parser.add_argument(
+        "--every", type=int, metavar="N", help="only each N-th training row (as the file says)"
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="YAML",
+        help="write the robot with what was found, as a file that extends it",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="HTML",
+        help="write a page: intervals within their bounds, correlations, errors of the sessions",
+    )
+    parser.add_argument(
+        "--distribution",
+        type=Path,
+        metavar="YAML",
+        help="write what is left open, as a distribution that sweeps and learning draw from",
+    )
+    parser.add_argument("--folds", type=int, metavar="K", help="tell the error of rows left out, in K folds")
+    parser.add_argument(
+        "--profile", action="store_true", help="tell intervals by profile likelihood, some 8 replays for each"
+    )
+    parser.add_argument(
+        "--suggest", type=int, metavar="N", help="tell N poses whose measurement would tell most"
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, fit, tell."""
+    from softsim_core.identification.calibration import data_of, known_calibrations, load_calibration
+    from softsim_core.identification.fit import calibrate
+
+    if arguments.calibration is None:
+        for name in known_calibrations():
+            print(name)
+        return 0
+    least = {"every": 1, "folds": 2, "suggest": 1}
+    for option, smallest in least.items():
+        given = getattr(arguments, option)
+        if given is not None and given < smallest:
+            print(f"softsim calibrate: --{option} must be {smallest} or more", file=sys.stderr)
+            return 2
+    for option in ("out", "report", "distribution"):  # told before a long search, not behind it
+        given = getattr(arguments, option)
+        if given is not None and (given.is_dir() or not given.absolute().parent.is_dir()):
+            print(
+                f"softsim calibrate: --{option} {given}: give a file in a folder that is there",
+                file=sys.stderr,
+            )
+            return 2
+    description, file = load_calibration(arguments.calibration)
+    data = data_of(description, file, arguments.data)
+    progress = _Progress()
+    further = Further()
+    try:
+        result = calibrate(description, data, arguments.every, progress, progress.rows)
+        if not result.stopped:
+            further = _judged(result, arguments, progress)
+    finally:
+        progress.end()
+    if arguments.json:
+        print(json.dumps({**plain(result), **further.plain(result)}))
+    else:
+        print("\n".join([*sentences(result), *further.sentences(result)]))
+    robot = description.robot or data.robot
+    if arguments.out is not None:
+        write_overlay(arguments.out, robot, result, further)
+        judge = f"softsim validate {os.path.relpath(data.file.parent)} --robot {arguments.out}"
+        print(f"robot: {arguments.out}; judge it: {judge}", file=sys.stderr)
+    if arguments.report is not None:
+        from softsim_ros.cli.measurements import calibrate_page
+
+        calibrate_page.write(arguments.report, robot, result, further)
+    if arguments.distribution is not None and not result.stopped:
+        write_distribution(arguments.distribution, robot, result)
+    return EXIT_INTERRUPTED if result.stopped else 0
+
+
+def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> Further:
+    """What the options ask for; an interrupt leaves out what is not done."""
+    from softsim_core.identification.confidence import cross_validated, profiled
+    from softsim_core.identification.next_poses import next_poses
+
+    further = Further()
+    try:
+        if arguments.folds:
+            further = replace(further, folds=cross_validated(result, arguments.folds, done=progress.folds))
+        if arguments.profile:
+            ends = [profiled(result, k) for k in range(len(result.values))]
+            further = replace(further, intervals=ends)
+        if arguments.suggest:
+            further = replace(further, poses=next_poses(result, arguments.suggest, done=progress.candidates))
+    except KeyboardInterrupt:
+        print("softsim calibrate: interrupted; what was not done is left out", file=sys.stderr)
+    return further
+
+
+class _Progress:
+    """A line on the terminal: what is done, how large the error is."""
+
+    def __init__(self) -> None:
+        self._shown, self._begin, self._count, self._best = sys.stderr.isatty(), time.monotonic(), 0, np.inf
+
+    def _line(self, text: str) -> None:
+        if self._shown:
+            print(f"\r{text:<78}", end="", file=sys.stderr, flush=True)
+
+    def rows(self, done: int, total: int) -> None:
+        """Told how many rows of a session have been found once."""
+        if done % 10 == 0 or done == total:
+            self._line(f"finding all rows once: {done}/{total}")
+
+    def folds(self, done: int, total: int) -> None:
+        """Told how many folds are done."""
+        self._line(f"folds: {done}/{total}")
+
+    def candidates(self, done: int, total: int) -> None:
+        """Told how often candidates were replayed."""
+        self._line(f"candidates: {done}/{total} replays")
+
+    def __call__(self, count: int, mean: float, values: Array) -> None:
+        self._count, self._best = count, min(self._best, mean)
+        spent, size = (time.monotonic() - self._begin) / count, len(values) + 1
+        now = count // size + 1  # a round takes the slopes, one replay for each value, and a step
+        rounds = max(USUAL_ROUNDS, now + 1)
+        left = spent * (rounds * size - count)
+        self._line(
+            f"round {now} of some {rounds}, {count} replays, best mean {1e3 * self._best:.3f} mm, "
+            f"about {left / 60.0:.0f} min to go"
+        )
+
+    def end(self) -> None:
+        if self._count:
+            spent = time.monotonic() - self._begin
+            line = f"{self._count} replays in {spent:.0f} s, best mean {1e3 * self._best:.3f} mm"
+            print(f"\r{line:<78}" if self._shown else line, file=sys.stderr)

@@ -1,0 +1,213 @@
+"""What `softsim calibrate` tells: lines for people, plain data, the robot found, what is left open."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from softsim_core.identification.confidence import Folds
+    from softsim_core.identification.fit import Calibration
+    from softsim_core.identification.next_poses import NextPoses
+
+WIDER = 1.2
+"""From this on it is told how many times as wide intervals are."""
+
+TOGETHER = 0.9
+"""From this correlation on two parameters are told together only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Further:
+    """What was asked for beside the result; None: it was not."""
+
+    folds: Folds | None = None
+    intervals: list[tuple[float, float]] | None = None
+    poses: NextPoses | None = None
+
+    def sentences(self, result: Calibration) -> list[str]:
+        """As lines for people."""
+        lines = []
+        if self.folds is not None:
+            lines += [
+                f"left out in {self.folds.count} folds: session {name}: {1e3 * error:.3f} mm, fitted "
+                f"{1e3 * self.folds.fitted[name]:.3f} mm"
+                for name, error in self.folds.left_out.items()
+            ]
+            more = 100.0 * (self.folds.ratio - 1.0)
+            lines.append(f"the error of rows left out is {more:+.1f} % beside that of fitted ones")
+        for name, unit, ends in zip(result.names, result.units, self.intervals or (), strict=False):
+            lines.append(f"{name}: 95 % interval by profile {interval(*ends)} {unit}".rstrip())
+        if self.poses is not None:
+            lines.append(f"measure next ({', '.join(self.poses.joints)}), standard errors then:")
+            for command, errors in zip(self.poses.commands, self.poses.errors[1:], strict=True):
+                pose = ", ".join(f"{each:.3f}" for each in command)
+                then = ", ".join(f"{n} {e:.3g}" for n, e in zip(result.names, errors, strict=True))
+                lines.append(f"  {pose}: {then}")
+        return lines
+
+    def plain(self, result: Calibration) -> dict[str, Any]:
+        """As plain data; an end of an interval beyond a bound is null."""
+        told: dict[str, Any] = {}
+        if self.folds is not None:
+            told["folds"] = {
+                name: {"fitted_mm": 1e3 * self.folds.fitted[name], "left_out_mm": 1e3 * error}
+                for name, error in self.folds.left_out.items()
+            }
+        if self.intervals is not None:
+            told["profile_intervals"] = {
+                name: [each if np.isfinite(each) else None for each in ends]
+                for name, ends in zip(result.names, self.intervals, strict=True)
+            }
+        if self.poses is not None:
+            told["next_poses"] = {
+                "session": self.poses.session,
+                "joints": list(self.poses.joints),
+                "commands": self.poses.commands.tolist(),
+                "standard_errors": self.poses.errors.tolist(),
+            }
+        return told
+
+
+def interval(low: float, high: float) -> str:
+    """Both ends of an interval, in words."""
+    ends = [f"{each:.4g}" if np.isfinite(each) else "beyond its bound" for each in (low, high)]
+    return f"{ends[0]} to {ends[1]}"
+
+
+def sentences(result: Calibration) -> list[str]:
+    """What was found, as lines for people."""
+    from softsim_core.identification.fit import QUANTILE
+
+    lines = ["interrupted: the best that was tried follows"] if result.stopped else []
+    width = max(len(each) for each in result.names)
+    starts = result.problem.values(result.problem.start)
+    for k, name in enumerate(result.names):
+        half = QUANTILE * result.errors[k]
+        found = f"+- {half:.3g}" if np.isfinite(half) else "+- ?"
+        told = f"{name:<{width}}  {result.values[k]:>10.4g} {found:<11} {result.units[k]:<12}"
+        said = verdict(result, k)
+        lines.append(f"{told} began at {starts[k]:g}{said and '  '}{said}")
+    lines += told_of_neighbours(result)
+    if len(result.endings) > 1:
+        lines.append(told_of_endings(result))
+    lines += [
+        f"{one} and {other} are told together only: correlation {value:+.2f}"
+        for one, other, value in together(result)
+    ]
+    lines += [
+        f"session {name}: {count} rows, mean error {1e3 * result.before[name]:.3f} mm before, "
+        f"{1e3 * result.after[name]:.3f} mm after"
+        for name, count in result.rows.items()
+    ]
+    return lines
+
+
+def told_of_neighbours(result: Calibration) -> list[str]:
+    """By how much intervals are wider because neighbouring rows err alike; nothing where they hardly are."""
+    from softsim_core.identification.fit import QUANTILE
+
+    if result.stopped or result.widening.max() < WIDER:
+        return []
+    half = QUANTILE * result.widening * result.errors
+    each = ", ".join(f"{name} +- {value:.3g}" for name, value in zip(result.names, half, strict=True))
+    return [f"neighbouring rows err alike, so intervals are wider than told above: {each}"]
+
+
+def told_of_endings(result: Calibration) -> str:
+    """Whether searches from several starts ended alike."""
+    others = result.other_endings
+    alike = f"{len(result.endings) - len(others)} of {len(result.endings)} searches ended here"
+    if not others:
+        return alike
+    best = min(others, key=lambda each: each.mean)
+    where = ", ".join(f"{name} {value:.4g}" for name, value in zip(result.names, best.values, strict=True))
+    return f"{alike}; the best of the others at {where}, mean error {1e3 * best.mean:.3f} mm"
+
+
+def verdict(result: Calibration, k: int) -> str:
+    """What has to be said of a parameter; empty: nothing."""
+    if result.stopped:
+        return ""
+    if not result.found[k]:
+        return "NOT FOUND: these rows do not tell it"
+    return "at its bound" if result.at_bounds[k] else ""
+
+
+def together(result: Calibration) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that are hard to tell apart, and their correlation."""
+    names = result.names
+    return [
+        (names[i], names[j], float(result.correlation[i, j]))
+        for i in range(len(names))
+        for j in range(i + 1, len(names))
+        if abs(result.correlation[i, j]) > TOGETHER
+    ]
+
+
+def plain(result: Calibration) -> dict[str, Any]:
+    """The result as plain data: what cannot be told is null."""
+
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    return {
+        "name": result.description.name,
+        "parameters": [
+            {
+                "name": name,
+                "unit": result.units[k],
+                "value": float(result.values[k]),
+                "standard_error": number(result.errors[k]),
+                "widening": number(result.widening[k]),
+                "found": bool(result.found[k]),
+                "at_bound": bool(result.at_bounds[k]),
+            }
+            for k, name in enumerate(result.names)
+        ],
+        "endings": [{"values": list(each.values), "mean_mm": 1e3 * each.mean} for each in result.endings],
+        "correlation": [[number(each) for each in row] for row in result.correlation.tolist()],
+        "sessions": {
+            name: {
+                "rows": count,
+                "mean_before_mm": 1e3 * result.before[name],
+                "mean_after_mm": 1e3 * result.after[name],
+            }
+            for name, count in result.rows.items()
+        },
+        "evaluations": result.evaluations,
+        "interrupted": result.stopped,
+        "overlay": result.overlay,
+    }
+
+
+def write_overlay(file: Path, robot: str, result: Calibration, further: Further) -> None:
+    """A scene file that extends the robot by what was found."""
+    import yaml
+
+    base = _beside(robot, file)
+    told = [f"# {line}" for line in [*sentences(result), *further.sentences(result)]]
+    text = yaml.safe_dump({"extends": base, **result.overlay}, sort_keys=False, default_flow_style=None)
+    file.write_text("\n".join([f"# Found by softsim calibrate {result.description.name}.", *told, text]))
+
+
+def write_distribution(file: Path, robot: str, result: Calibration) -> None:
+    """A file that `load_distribution` reads."""
+    import yaml
+
+    from softsim_core.identification.distribution import distribution_of, plain_distribution
+
+    told = plain_distribution(distribution_of(result, _beside(robot, file)))
+    head = f"# What softsim calibrate {result.description.name} leaves open.\n"
+    file.write_text(head + yaml.safe_dump(told, sort_keys=False, default_flow_style=None))
+
+
+def _beside(robot: str, file: Path) -> str:
+    """The file of a robot, from the folder of another."""
+    from softsim_core import find_config
+
+    return os.path.relpath(find_config(robot), file.absolute().parent)

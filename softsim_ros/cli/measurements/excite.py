@@ -1,0 +1,275 @@
+"""`softsim excite ROBOT`: play motions that tell a model's parameters, and record them as a data set."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softsim_core.errors import SoftSimError
+from softsim_core.identification.description import AlignmentDescription
+from softsim_core.identification.excitation import KINDS, ExcitationSettings
+
+if TYPE_CHECKING:
+    from softsim_core.scene import RobotDescription
+    from softsim_ros.client.session import RobotSession
+    from softsim_ros.excitation.sensors import Sensor
+
+EXIT_INTERRUPTED = 130
+COMPILED_WITHIN_S = 240.0
+"""A simulator that is started here answers within this time in [s]; its kernels may have to be compiled."""
+
+DEFAULTS = ExcitationSettings()
+DEFAULT_ROBOT = "tripod"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "robot", nargs="?", help="robot: a name or a file (with --attach the one that runs, else tripod)"
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="the new folder of the data set (ROBOT_DATE_TIME here)",
+    )
+    parser.add_argument(
+        "--attach", action="store_true", help="measure the robot that runs already; else one is simulated"
+    )
+    parser.add_argument("--namespace", metavar="NAME", help="namespace of its nodes (the robot's name)")
+    parser.add_argument(
+        "--sensor",
+        action="append",
+        default=[],
+        metavar="TOPIC[=PLACE,...]",
+        help="topic of PoseStamped, PoseArray or Imu, and what its points sit on: a frame of the robot "
+        "(effector) or a point of a body X:Y:Z in m; may be repeated (those that are there)",
+    )
+    parser.add_argument(
+        "--unknown",
+        action="append",
+        default=[],
+        choices=("frame", "point"),
+        help="of the sensors; it is fitted then (the frame, where it is not the robot's)",
+    )
+    parser.add_argument(
+        "--joints",
+        choices=("real", "simulated"),
+        help="whose joints the sensors follow (the real ones', where the bridge sends and a sensor is there)",
+    )
+    parser.add_argument(
+        "--motion", action="append", default=[], choices=KINDS, help="may be repeated (all of them)"
+    )
+    parser.add_argument(
+        "--poses", type=int, default=DEFAULTS.poses, metavar="N", help="most of the grid (30)"
+    )
+    parser.add_argument(
+        "--levels", type=int, default=DEFAULTS.levels, metavar="N", help="of each joint in the grid (3)"
+    )
+    parser.add_argument(
+        "--reach",
+        type=float,
+        default=DEFAULTS.reach,
+        metavar="PART",
+        help="of the way from the start pose to the joints' limits (0.5)",
+    )
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=DEFAULTS.speed,
+        metavar="PART",
+        help="of the limits of speed and acceleration, from pose to pose (0.5)",
+    )
+    parser.add_argument("--settle", type=float, default=1.0, metavar="S", help="wait at a pose (1)")
+    parser.add_argument("--hold", type=float, default=0.5, metavar="S", help="average at a pose (0.5)")
+    parser.add_argument("--chirp", type=float, default=DEFAULTS.chirp_s, metavar="S", help="its length (10)")
+    parser.add_argument(
+        "--ringing", type=float, default=DEFAULTS.ringing_s, metavar="S", help="watch a ringing down (2)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of what is drawn (0)")
+    parser.epilog = (
+        "Then: softsim validate FOLDER; softsim calibrate FOLDER. Ctrl-C keeps what is recorded. A real "
+        "robot: start it first (softsim up ROBOT --board auto, key B) and its sensor, then --attach."
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure; what is recorded before an early end is kept."""
+    from softsim_core.scene import load_scene
+    from softsim_node.process import ros_process
+    from softsim_ros.client.discovery import running_robot
+    from softsim_ros.client.session import CONNECT_WITHIN_S, connect
+
+    if not (arguments.settle >= 0.0 and arguments.hold > 0.0):
+        print("softsim excite: --settle must be >= 0 s and --hold > 0 s", file=sys.stderr)
+        return 2
+    settings = ExcitationSettings(
+        kinds=tuple(arguments.motion) or KINDS,
+        reach=arguments.reach,
+        speed=arguments.speed,
+        poses=arguments.poses,
+        levels=arguments.levels,
+        chirp_s=arguments.chirp,
+        ringing_s=arguments.ringing,
+        seed=arguments.seed,
+    )
+    wanted, namespace = arguments.robot or DEFAULT_ROBOT, arguments.namespace
+    if arguments.attach and arguments.robot is None:
+        found = running_robot(namespace)
+        wanted, namespace = found or (wanted, namespace)
+    robot = load_scene(wanted)
+    folder = arguments.out or Path(f"{robot.name}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
+    if folder.exists():
+        print(f"softsim excite: {folder} is there already; give another with --out", file=sys.stderr)
+        return 1
+    namespace = (namespace or robot.namespace).strip("/")
+    with ros_process(), contextlib.ExitStack() as stack:
+        if not arguments.attach:
+            _simulate(stack, robot, namespace)
+        within_s = CONNECT_WITHIN_S if arguments.attach else COMPILED_WITHIN_S
+        session = stack.enter_context(connect(robot, namespace=namespace, within_s=within_s))
+        return _measured(arguments, settings, session, folder)
+    return EXIT_INTERRUPTED  # asked for while the robot started
+
+
+def _simulate(stack: contextlib.ExitStack[bool | None], robot: RobotDescription, namespace: str) -> None:
+    """Run a simulator in this process, whose stamps are simulated time."""
+    from rclpy.parameter import Parameter
+
+    from softsim_ros.cli.running.one_at_a_time import only_one
+    from softsim_ros.runtime import SpinThread
+    from softsim_ros.simulator.simulator_node import Simulator
+
+    stack.enter_context(only_one(namespace))
+    overrides = [Parameter("publish_clock", value=True)]
+    simulator = Simulator(robot, namespace=namespace, parameter_overrides=overrides)
+    stack.callback(simulator.close)
+    stack.enter_context(SpinThread([simulator]))
+
+
+def _measured(
+    arguments: argparse.Namespace, settings: ExcitationSettings, session: RobotSession, folder: Path
+) -> int:
+    """Measure the robot of a session; returns the exit code."""
+    from softsim_ros.excitation.measure import Looks, Measurement
+    from softsim_ros.excitation.player import MeasurementInterruptedError, Player
+    from softsim_ros.excitation.sensors import SIMULATED, hear_sensors, sensor_choice
+    from softsim_ros.excitation.set_folder import SetFolder
+
+    robot, node = session.client.robot, session.client.node
+    sensors = hear_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
+    moved = session.state.bridge == "comm" and any(each.topic != SIMULATED for each in sensors)
+    real = moved if arguments.joints is None else arguments.joints == "real"
+    player = Player(session, real, settings)
+    player.begin(sensors)
+    unknown = {*arguments.unknown, *([] if _in_robot(sensors, node.get_namespace()) else ["frame"])}
+    if "frame" in unknown and "ring_down" in settings.kinds:
+        _say("ring_down is left out: on one line no sensor tells the frame in which it measures")
+        settings = replace(settings, kinds=tuple(each for each in settings.kinds if each != "ring_down"))
+    looks = Looks(
+        settle_s=arguments.settle,
+        hold_s=arguments.hold,
+        alignment=AlignmentDescription(frame="frame" in unknown, point="point" in unknown),
+    )
+    measurement = Measurement(robot, player, sensors, settings, looks)
+    kind = "real" if real else "simulated"
+    _say(
+        f"measuring the {kind} {robot.name} with {', '.join(each.topic for each in sensors)}: about "
+        f"{measurement.duration_s:.0f} s; Ctrl-C keeps what is recorded"
+    )
+    if player.is_slow:
+        _say(
+            "the simulation stamps by the wall clock, and does not keep real time: what is measured in time "
+            "is wrong by as much; start it with publish_clock:=true"
+        )
+    out = SetFolder(
+        folder,
+        _named(arguments.robot, folder),
+        f"{robot.name}, moved by softsim excite.",
+        f"the {kind} robot, {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, seed {settings.seed}",
+    )
+    progress, code = _Progress(measurement.duration_s), 0
+    try:
+        measurement.run(out, progress)
+    except MeasurementInterruptedError:
+        code = EXIT_INTERRUPTED
+    except SoftSimError as error:
+        print(f"\nsoftsim excite: {error}", file=sys.stderr)
+        code = 1
+    finally:
+        progress.end()
+        if why := player.leave():
+            print(f"softsim excite: the robot is not back in its start pose: {why}", file=sys.stderr)
+    if not out.sessions:
+        folder.rmdir()
+        _say("nothing was recorded")
+        return code
+    for sentence in out.finish(robot):
+        _say(sentence)
+    _say(f"{folder}{'' if not code else ', as far as it came'}: softsim validate {folder}")
+    return code
+
+
+def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
+    """Whether the sensors' frame is the robot's.
+
+    Raises:
+        ExcitationError: they have different ones.
+    """
+    from softsim_ros.excitation.errors import ExcitationError
+    from softsim_ros.excitation.sensors import IMU
+    from softsim_ros.frames import BASE_LINK, WORLD
+
+    own = {WORLD, BASE_LINK, f"{namespace.strip('/')}/{BASE_LINK}"}
+    known = {each.readings.frame in own for each in sensors if each.kind != IMU}
+    frames = sorted({each.readings.frame for each in sensors if each.kind != IMU})
+    if len(known) > 1 or (known == {False} and len(frames) > 1):
+        raise ExcitationError(
+            f"the sensors measure in different frames ({', '.join(map(repr, frames))}); record them one "
+            "after the other, each with --sensor"
+        )
+    return known == {True}
+
+
+def _named(robot: str, folder: Path) -> str:
+    """What a description in the folder calls the robot: by its name, or its file relative to the folder."""
+    file = Path(robot).expanduser()
+    return os.path.relpath(file, folder) if file.is_file() else robot
+
+
+def _say(sentence: str) -> None:
+    print(sentence, flush=True)
+
+
+class _Progress:
+    """A line on the terminal: what is done, how long it will take; in a log, each thing once."""
+
+    def __init__(self, total_s: float) -> None:
+        self._shown, self._total_s = sys.stdout.isatty(), total_s
+        self._begin, self._next, self._what = time.monotonic(), 0.0, ""
+
+    def __call__(self, what: str, done_s: float) -> None:
+        now = time.monotonic()
+        if not self._shown:
+            if what.split(":")[0] != self._what:
+                self._what = what.split(":")[0]
+                _say(f"{self._what} ...")
+            return
+        if now >= self._next or what != self._what:
+            self._next, self._what = now + 0.2, what
+            pace = (now - self._begin) / done_s if done_s > 5.0 else 1.0
+            line = f"{what}, {max(0.0, pace * (self._total_s - done_s)):.0f} s to go"
+            print(f"\r{line:<60}", end="", flush=True)
+
+    def end(self) -> None:
+        if self._shown:
+            print(f"\r{'':<60}\r", end="", flush=True)

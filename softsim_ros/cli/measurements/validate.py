@@ -1,0 +1,183 @@
+"""`softsim validate DATASET`: a model beside measurements of the real robot, or of another model."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softsim_core.errors import DataError
+from softsim_core.wrong_names import known_names
+
+if TYPE_CHECKING:
+    from softsim_core.identification.description import SessionDescription
+    from softsim_core.identification.files import DataSet
+    from softsim_core.identification.session import Session
+    from softsim_core.identification.validation import SessionResult
+
+EXIT_INTERRUPTED = 130
+LIMITS = ("mean", "rms", "p95", "max")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "data_set", nargs="?", help="a data set: a name, or a folder with dataset.yaml; none lists the known"
+    )
+    parser.add_argument("--robot", metavar="MODEL", help="robot or scene: a name or a file (the data set's)")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the measured files")
+    parser.add_argument(
+        "--session", action="append", default=[], metavar="NAME", help="only this session; may be given again"
+    )
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="only each N-th row, for a first look (1)"
+    )
+    parser.add_argument(
+        "--order", choices=("nearest", "rows"), default="nearest", help="of static rows (nearest)"
+    )
+    parser.add_argument(
+        "--alignment",
+        type=Path,
+        metavar="JSON",
+        help="frames and sensor points of an earlier report, fit none",
+    )
+    parser.add_argument("--others-only", action="store_true", help="run no model, compare the other models'")
+    for name in LIMITS:
+        parser.add_argument(
+            f"--max-{name}",
+            type=float,
+            metavar="MM",
+            help=f"largest {name} error of a session that passes, in mm",
+        )
+    parser.add_argument("-o", "--out", type=Path, metavar="HTML", help="write a report as a web page")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, replay, align, compare."""
+    from softsim_core.identification.files import known_data_sets, load_data_set
+    from softsim_core.identification.report import plain
+    from softsim_ros.cli.measurements.validate_text import sentences
+
+    if arguments.data_set is None:
+        known = known_data_sets()
+        width = max(map(len, known), default=0)
+        for name, file in known.items():
+            print(f"{name:<{width}}  {load_data_set(file).description.about}")
+        return 0
+    if arguments.every < 1 or any(not _limit(arguments, name, 1.0) > 0.0 for name in LIMITS):
+        print("softsim validate: --every must be 1 or more, limits must be > 0 mm", file=sys.stderr)
+        return 2
+    if importlib.util.find_spec("rosbags") is not None:
+        from softsim_ros.recording.tables import register
+
+        register()
+    data = load_data_set(arguments.data_set, arguments.data)
+    model = None if arguments.others_only else arguments.robot or data.robot
+    results, failed, interrupted = _results(arguments, data, model)
+    if arguments.json:
+        print(json.dumps(plain(data.description.name, model, results)))
+    else:
+        print("\n".join(sentences(data.description, model, results)))
+    if arguments.out is not None and results:
+        from softsim_ros.cli.measurements.validate_page import write
+
+        write(arguments.out, data.description, model, results)
+        print(f"report: {arguments.out}", file=sys.stderr)
+    beyond = [f"session {each.session.name}: {told}" for each in results for told in each.beyond]
+    for sentence in beyond:
+        print(f"softsim validate: beyond its limit: {sentence}", file=sys.stderr)
+    if interrupted:
+        return EXIT_INTERRUPTED
+    return 1 if beyond or failed else 0
+
+
+def _limit(arguments: argparse.Namespace, name: str, otherwise: float) -> float:
+    value = getattr(arguments, f"max_{name}")
+    return otherwise if value is None else float(value)
+
+
+def _results(
+    arguments: argparse.Namespace, data: DataSet, model: str | None
+) -> tuple[list[SessionResult], bool, bool]:
+    """What each session gives; whether one gave none, which is said; whether it was interrupted."""
+    from softsim_core.identification.report import given_alignment, read_alignments
+    from softsim_core.identification.session import load_session
+    from softsim_core.identification.validation import session_robot, validate_session
+
+    alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
+    chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]
+    sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before one is replayed
+    results: list[SessionResult] = []
+    failed = interrupted = False
+    for session in sessions:
+        asked = model is not None and session.description.replayed
+        robot = session_robot(model, session.description) if model is not None and asked else None
+        given = given_alignment(alignments, session) if alignments is not None and asked else None
+        progress = _Progress(session)
+        try:
+            results.append(validate_session(session, robot, arguments.order, progress, given))
+        except DataError as error:
+            print(f"softsim validate: {error}", file=sys.stderr)
+            failed = True
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            progress.end()
+        interrupted = interrupted or any(each.stopped for each in results)
+        if interrupted:
+            print("softsim validate: interrupted; what is done follows", file=sys.stderr)
+            break
+    return results, failed, interrupted
+
+
+def _chosen(data: DataSet, names: list[str]) -> list[SessionDescription]:
+    known = data.description.session_names
+    for name in names:
+        if name not in known:
+            raise DataError(
+                data.description.name, "", f"no session {name!r}; {known_names(name, known, 'there are')}"
+            )
+    return [each for each in data.description.sessions if not names or each.name in names]
+
+
+def _with_limits(session: SessionDescription, arguments: argparse.Namespace) -> SessionDescription:
+    """The session with the limits of the command line in the place of its own."""
+    given = {
+        f"{name}_mm": value for name in LIMITS if (value := getattr(arguments, f"max_{name}")) is not None
+    }
+    return replace(session, limits=replace(session.limits, **given)) if given else session
+
+
+class _Progress:
+    """A line on the terminal: what is done, how fast, how long it will take; at the end, the rate."""
+
+    def __init__(self, session: Session) -> None:
+        self._name = session.name
+        self._what = "rows" if session.times is None else "steps"
+        self._shown, self._next = sys.stderr.isatty(), 0.0
+        self._begin = time.monotonic()
+        self._done = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        now, self._done = time.monotonic(), done
+        if self._shown and (now >= self._next or done == total):
+            self._next = now + 0.2
+            rate = done / max(now - self._begin, 1e-9)
+            left = (total - done) / rate
+            line = f"{self._name}: {done}/{total} {self._what}, {rate:.1f} per second, {left:.0f} s to go"
+            print(f"\r{line:<78}", end="", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if not self._done:
+            return
+        spent = time.monotonic() - self._begin
+        told = (
+            f"{self._name}: {self._done} {self._what} in {spent:.1f} s, {self._done / spent:.1f} per second"
+        )
+        print(f"\r{told:<78}" if self._shown else told, file=sys.stderr)

@@ -1,0 +1,80 @@
+"""`softsim record ROBOT`: its topics into a bag that `ros2 bag` and Foxglove open; mends torn bags."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+DEFAULT = "tripod"
+"""Whose topics are waited for where no robot runs yet."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("robot", nargs="?", help="whose topics (the robot that runs)")
+    parser.add_argument(
+        "-o", "--out", metavar="BAG", default="", help="the bag's folder (ROBOT_DATE_TIME here)"
+    )
+    parser.add_argument(
+        "--topic",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="record only this topic, such as joint_states or /diagnostics; may be repeated",
+    )
+    parser.add_argument("--size-limit", type=float, metavar="MB", default=0.0, help="end at this size")
+    parser.add_argument("--time-limit", type=float, metavar="S", default=0.0, help="end after this time")
+    parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
+    parser.add_argument("--repair", metavar="BAG", help="close a bag whose recorder was killed, and end")
+    parser.epilog = (
+        "Ctrl-C ends a recording. What to do with it: softsim replay, softsim export, softsim report."
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record until Ctrl-C, a limit, or a full disk."""
+    if arguments.repair:
+        from softsim_ros.recording.repair import repair
+
+        print(repair(Path(arguments.repair)))
+        return 0
+    if arguments.size_limit < 0.0 or arguments.time_limit < 0.0:
+        print("softsim record: a limit must be 0 (none) or more", file=sys.stderr)
+        return 2
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+
+    from softsim_node.ending import ending
+    from softsim_node.process import ros_process
+    from softsim_node.spinning import spin
+    from softsim_ros.client.discovery import RunningRobot, running_robot
+    from softsim_ros.recording.recorder_node import Recorder
+
+    robot, namespace = arguments.robot, arguments.namespace
+    if robot is None:
+        found = running_robot(namespace) or RunningRobot(namespace or DEFAULT, namespace or DEFAULT)
+        robot, namespace = Path(found.robot).stem, found.namespace
+    values = {
+        "robot": robot,
+        "out": arguments.out,
+        "topics": " ".join(arguments.topic),
+        "size_limit": arguments.size_limit,
+        "time_limit": arguments.time_limit,
+    }
+    with ros_process():
+        recorder = Recorder(
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+            news=lambda sentence: print(sentence, flush=True),
+        )
+        try:
+            executor = SingleThreadedExecutor()
+            executor.add_node(recorder)
+            spin(executor, lambda: recorder.recording and not ending.asked)
+        finally:
+            recorder.close()
+    if recorder.failure is not None:
+        print(f"softsim record: {recorder.failure}", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,1 @@
+"""Robots, parts, materials: `scenes`, `new`, `mesh`, `material`, `mjcf`, `urdf`, `workspace`."""

@@ -1,0 +1,189 @@
+"""`softsim material NAME`: how an elastomer answers when it is pulled, and what that means for a scene."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.errors import SceneError
+from softsim_core.fem.materials import material
+from softsim_core.fem.materials.elastomers import (
+    DEFAULT_FIT,
+    FITTED_LAWS,
+    Elastomer,
+    elastomer,
+    elastomer_names,
+    stiffness_warning,
+)
+from softsim_core.fem.materials.tension import RestStiffness, rest_stiffness, tension
+from softsim_core.scene.material import MaterialDescription
+from softsim_ros.cli.robots.material_chart import Curve, terminal_chart
+
+COMMON_DENSITY = 1070.0
+"""In [kg/m^3], that of Dragon Skin 10, where the table has none."""
+DAMPING = 0.05
+"""Damping ratio of silicone that rings; a step should not add more than that."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("name", nargs="*", help="an elastomer, such as Dragon Skin 20; none lists all")
+    parser.add_argument("--law", choices=FITTED_LAWS, default=DEFAULT_FIT, help=f"({DEFAULT_FIT})")
+    parser.add_argument(
+        "--factor", type=float, default=1.0, metavar="K", help="stiffness factor of your own test (1)"
+    )
+    parser.add_argument("--poisson-ratio", type=float, metavar="NU", help="(0.499)")
+    parser.add_argument("--density", type=float, metavar="RHO", help="in kg/m^3 (that of the table)")
+    parser.add_argument(
+        "--size", type=float, default=0.1, metavar="M", help="length in m of the bar of the advice (0.1)"
+    )
+    parser.add_argument("-o", "--out", type=Path, metavar="PNG", help="draw a picture into this file")
+    parser.add_argument("--json", action="store_true", help="print the numbers and the curves as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the list, or one elastomer with its curve."""
+    if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
+        print("softsim material: --out needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        return 1
+    for name in ("density", "size"):
+        value = getattr(arguments, name)
+        if value is not None and not 0.0 < value < math.inf:
+            print(f"softsim material: --{name} must be a number > 0, not {value:g}", file=sys.stderr)
+            return 2
+    if not arguments.name:
+        print("\n".join(_list()))
+        return 0
+    try:
+        chosen = elastomer(" ".join(arguments.name))
+        own = {} if arguments.poisson_ratio is None else {"poisson_ratio": arguments.poisson_ratio}
+        made_of = MaterialDescription(
+            preset=chosen.name, law=arguments.law, stiffness_factor=arguments.factor, **own
+        )
+    except SceneError as error:
+        print(f"softsim material: {error}", file=sys.stderr)
+        return 1
+    curve = _curve(chosen, made_of)
+    stiffness = rest_stiffness(material(arguments.law), _values(made_of))
+    density = arguments.density or chosen.density
+    if arguments.json:
+        print(json.dumps(_plain(made_of, stiffness, density, curve)))
+    else:
+        print("\n".join([*_sentences(chosen, made_of, stiffness, density, arguments.size), ""]))
+        print("\n".join(terminal_chart(curve)))
+    if made_of.warning:
+        print(f"softsim material: {stiffness_warning(chosen.name)}", file=sys.stderr)
+    if arguments.out is not None:
+        from softsim_ros.cli.robots.material_picture import draw
+
+        draw(curve, arguments.out)
+        print(f"picture: {arguments.out}", file=sys.stderr)
+    return 0
+
+
+def _values(made_of: MaterialDescription) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array(list(made_of.values.values()))
+
+
+def _curve(chosen: Elastomer, made_of: MaterialDescription) -> Curve:
+    """Stress over stretch to the end of the fit, the points as far, scaled as the law."""
+    law = made_of.law or DEFAULT_FIT
+    end = chosen.fit(law).to_stretch
+    stretches = np.linspace(1.0, end, 61)
+    points = chosen.points[chosen.points[:, 0] <= end] * (1.0, made_of.values["stiffness_factor"])
+    title = f"{chosen.name}, {law}, stiffness factor {made_of.values['stiffness_factor']:g}"
+    return Curve(title, stretches, tension(material(law), _values(made_of), stretches)[1], points)
+
+
+def _list() -> list[str]:
+    rows = [("", "E at rest", "fits to stretch", "tears at", "density")]
+    for name in elastomer_names():
+        one, made_of = elastomer(name), MaterialDescription(preset=name)
+        young = rest_stiffness(material(DEFAULT_FIT), _values(made_of)).young
+        ends = " / ".join(f"{one.fit(law).to_stretch:g}" for law in FITTED_LAWS)
+        density = "not known" if one.density is None else f"{one.density:g} kg/m^3"
+        rows.append((name, f"{1e-3 * young:.3g} kPa", ends, f"{one.break_stretch:.3g}", density))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    source = elastomer(elastomer_names()[0]).source
+    return [line.rstrip() for line in lines] + [
+        f"fits: {' / '.join(FITTED_LAWS)}; source: {source}",
+        "The table's stiffness is too low: set stiffness_factor from a test of your own.",
+    ]
+
+
+def _sentences(
+    chosen: Elastomer,
+    made_of: MaterialDescription,
+    stiffness: RestStiffness,
+    density: float | None,
+    size: float,
+) -> list[str]:
+    fit = chosen.fit(made_of.law or DEFAULT_FIT)
+    mass = density or COMMON_DENSITY
+    told = f"{mass:g} kg/m^3" + ("" if density else " (assumed, the table has none: weigh a casting)")
+    speed, periods = stiffness.bar_speed(mass), _periods(stiffness, mass, size)
+    constants = ", ".join(f"{name} {value:g}" for name, value in made_of.values.items())
+    rows = [
+        ("source", chosen.source),
+        (f"law {made_of.law}", constants),
+        (
+            "fits",
+            f"stretch 1.02 to {fit.to_stretch:g}, tension only; the bar tore at {chosen.break_stretch:g}",
+        ),
+        ("at rest", f"E {1e-3 * stiffness.young:.4g} kPa, Poisson ratio {stiffness.poisson:.4g},"),
+        ("", f"shear {1e-3 * stiffness.shear:.4g} kPa, bulk {1e-6 * stiffness.bulk:.4g} MPa"),
+        ("density", told),
+        (
+            "waves",
+            f"{speed:.3g} m/s along a bar, {stiffness.shear_speed(mass):.3g} m/s in shear, "
+            f"{stiffness.pressure_speed(mass):.3g} m/s of pressure",
+        ),
+        (
+            "time step",
+            "every dt is stable; implicit Euler adds pi dt / T to the damping ratio of a period T.",
+        ),
+        ("", f"A bar of {size:g} m, a third as thick, bends with T = {_ms(periods[0])} and stretches with"),
+        (
+            "",
+            f"T = {_ms(periods[1])}: up to dt = {_ms(DAMPING * periods[0] / math.pi)} and "
+            f"{_ms(DAMPING * periods[1] / math.pi)} it adds less than {DAMPING:g}",
+        ),
+    ]
+    return [chosen.name, *(f"  {name:<10} {value}" for name, value in rows)]
+
+
+def _periods(stiffness: RestStiffness, density: float, size: float) -> tuple[float, float]:
+    """Periods in [s] of a square bar held at one end, a third as thick as long: bending, stretching."""
+    speed = stiffness.bar_speed(density)
+    bending = 1.8751**2 / (2.0 * math.pi) * (size / 3.0) / math.sqrt(12.0) * speed / size**2
+    return 1.0 / bending, 4.0 * size / speed
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms"
+
+
+def _plain(
+    made_of: MaterialDescription, stiffness: RestStiffness, density: float | None, curve: Curve
+) -> dict[str, object]:
+    mass = density or COMMON_DENSITY
+    return {
+        "material": made_of.plain(),
+        "values": made_of.values,
+        "young_modulus_pa": stiffness.young,
+        "poisson_ratio": stiffness.poisson,
+        "shear_modulus_pa": stiffness.shear,
+        "bulk_modulus_pa": stiffness.bulk,
+        "density_kg_m3": density,
+        "bar_speed_m_s": stiffness.bar_speed(mass),
+        "stretches": curve.stretches.tolist(),
+        "stresses_pa": curve.stresses.tolist(),
+        "points": curve.points.tolist(),
+    }

@@ -1,0 +1,193 @@
+"""`softsim mesh PART.stl`: tetrahedra of a part that a CAD program exported, and what they are worth."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+import sys
+import warnings
+from pathlib import Path
+
+from softsim_core.errors import MeshError
+from softsim_core.mesh.writers import write_tets
+from softsim_core.meshing import MeshedPart, MeshingOptions, mesh_part
+from softsim_core.meshing.part import UNITS
+
+WRITTEN = (".vtk", ".msh")
+_LENGTHS = ("size", "holes", "deviation")
+STEPS_MS = (2, 5, 10, 20, 50, 100)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("part", type=Path, help="closed surface: .stl, .obj, .ply, .off")
+    add_options(parser)
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        action="append",
+        metavar="FILE",
+        help=f"where to write, {' or '.join(WRITTEN)}; may be said twice (PART.vtk in this folder)",
+    )
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the mesh and its angles")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    parser.add_argument("--no-speed", action="store_true", help="do not measure the time of a step")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare what says how a part is meshed."""
+    parser.add_argument(
+        "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
+    )
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument("--size", type=float, metavar="L", help="wished length of edges")
+    wish.add_argument("--nodes", type=int, metavar="N", help="wished number of nodes (1000)")
+    parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: quadratic elements (1)")
+    parser.add_argument(
+        "--holes",
+        type=float,
+        metavar="L",
+        help="close holes up to this size (longest side / 20)",
+    )
+    parser.add_argument("--largest", action="store_true", help="keep the largest of several bodies")
+    parser.add_argument(
+        "--deviation", type=float, metavar="L", help="the mesh may be off by so much (diagonal / 1000)"
+    )
+    parser.add_argument(
+        "--time-limit", type=float, default=300.0, metavar="S", help="of one run of the mesher (300)"
+    )
+
+
+def options(arguments: argparse.Namespace) -> MeshingOptions:
+    """What the arguments wish of a mesh.
+
+    Raises:
+        MeshError: a length or a time is no number > 0.
+    """
+    for name in (*_LENGTHS, "time_limit"):
+        value = getattr(arguments, name)
+        if value is not None and not 0.0 < value < math.inf:
+            raise MeshError(arguments.part, f"--{name.replace('_', '-')} must be a number > 0, not {value:g}")
+    metres = {name: getattr(arguments, name) for name in _LENGTHS}
+    in_metres = {
+        name: None if each is None else each * UNITS[arguments.unit] for name, each in metres.items()
+    }
+    return MeshingOptions(
+        unit=arguments.unit,
+        size=in_metres["size"],
+        nodes=arguments.nodes,
+        order=arguments.order,
+        hole=in_metres["holes"],
+        largest=arguments.largest,
+        deviation=in_metres["deviation"],
+        time_limit=arguments.time_limit,
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Mesh the part, write the files, print the report."""
+    files = arguments.out or [Path(arguments.part.stem + ".vtk")]
+    unknown = [str(file) for file in files if file.suffix.lower() not in WRITTEN]
+    if unknown:
+        print(f"softsim mesh: --out {unknown[0]} must end in {' or '.join(WRITTEN)}", file=sys.stderr)
+        return 2
+    if arguments.picture is not None and importlib.util.find_spec("matplotlib") is None:
+        print("softsim mesh: --picture needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        return 1
+    made = mesh_part(arguments.part, options(arguments), say)
+    for file in files:
+        write_tets(file, made.mesh)
+    seconds = None if arguments.no_speed else measured(made)
+    if arguments.json:
+        print(json.dumps(plain(made, files, seconds)))
+    else:
+        print("\n".join(sentences(made, files, seconds)))
+    if arguments.picture is not None:
+        from softsim_ros.cli.robots.mesh_picture import draw
+
+        draw(made, arguments.picture)
+        print(f"picture: {arguments.picture}", file=sys.stderr)
+    return 0
+
+
+def say(sentence: str) -> None:
+    """A line of progress."""
+    print(f"softsim: {sentence} ...", file=sys.stderr, flush=True)
+
+
+def measured(made: MeshedPart) -> float:
+    """Time in [s] of a step of the part."""
+    from softsim_ros.cli.robots.mesh_speed import step_time
+
+    say("measuring a step (the first one on a machine compiles for about a minute)")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return step_time(made.mesh)
+
+
+def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> list[str]:
+    """The report."""
+    report, source, unit = made.report, made.source, made.source.unit
+    size = source.surface.points.max(axis=0) - source.surface.points.min(axis=0)
+    error = made.volume_error
+    cells = "linear" if made.mesh.order == 1 else "quadratic"
+    cubic = unit.metres**3
+    rows = [("surface", f"{len(source.surface.triangles)} triangles, {unit.size(size)}")]
+    rows += [("", told) for told in made.told]
+    shortest, longest, wished = map(unit.length, (report.min_edge, report.max_edge, made.edge))
+    off = "the surface overlaps itself" if error is None else f"{100.0 * error:+.2f} % of the surface's"
+    angles = f"{report.min_dihedral_deg:.1f} to {report.max_dihedral_deg:.1f} degrees (70.5 is regular)"
+    rows += [
+        (
+            "mesh",
+            f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.known,
+        ),
+        ("edges", f"{shortest} to {longest}, wished {wished}"),
+        ("angles", angles),
+        (
+            "shapes",
+            f"{report.min_radius_ratio:.2f} at worst, {report.mean_radius_ratio:.2f} mean (1 is regular)",
+        ),
+        ("volume", f"{report.volume / cubic:.5g} {unit.name}^3, {off}"),
+        ("deviation", f"at most {unit.length(made.distance)} from the surface"),
+    ]
+    rows += [("step", each) for each in ([] if seconds is None else [fitness(seconds)])]
+    rows += [("written", str(file)) for file in files]
+    return [str(source.surface.name), *(f"  {name:<10} {value}" for name, value in rows)]
+
+
+def fitness(seconds: float) -> str:
+    """What a mesh is fit for, by the time of its step."""
+    fit = [step for step in STEPS_MS if 1e3 * seconds < 0.8 * step]
+    told = f"real time needs dt >= {fit[0]} ms" if fit else "too slow for real time: ask for fewer nodes"
+    return f"{1e3 * seconds:.3g} ms on this machine, alone in silicone; any dt is stable; {told}"
+
+
+def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[str, object]:
+    """The report for programs, in SI units."""
+    report, source = made.report, made.source
+    return {
+        "part": str(source.surface.name),
+        "unit": source.unit.name,
+        "files": [str(file) for file in files],
+        "surface_triangles": len(source.surface.triangles),
+        "size_m": (source.surface.points.max(axis=0) - source.surface.points.min(axis=0)).tolist(),
+        "told": list(made.told),
+        "cavities": source.cavities,
+        "nodes": report.nodes,
+        "elements": report.elements,
+        "order": made.mesh.order,
+        "edge_m": made.edge,
+        "min_dihedral_deg": report.min_dihedral_deg,
+        "max_dihedral_deg": report.max_dihedral_deg,
+        "min_radius_ratio": report.min_radius_ratio,
+        "mean_radius_ratio": report.mean_radius_ratio,
+        "volume_m3": report.volume,
+        "surface_volume_m3": None if source.crosses else source.volume,
+        "largest_distance_m": made.distance,
+        "step_s": seconds,
+        "from_cache": made.known,
+    }

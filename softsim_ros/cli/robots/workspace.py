@@ -1,0 +1,106 @@
+"""`softsim workspace ROBOT`: how far its effector gets, how well it moves there, and a picture of it."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from softsim_core.inverse.workspace import Workspace
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "robot", nargs="?", default="tripod", help="robot or scene: a name or a file (tripod)"
+    )
+    parser.add_argument(
+        "--samples", type=int, default=200, metavar="N", help="equilibria to look at (200, about 0.1 s each)"
+    )
+    parser.add_argument(
+        "--base-shift", type=float, metavar="M", help="shift of the joint bases in m (that of the start move)"
+    )
+    parser.add_argument("-o", "--out", type=Path, metavar="PNG", help="draw a picture into this file")
+    parser.add_argument("--json", action="store_true", help="print every sample as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sample, print the summary, draw."""
+    if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
+        print("softsim workspace: --out needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        return 1
+    if arguments.base_shift is not None and not math.isfinite(arguments.base_shift):
+        print("softsim workspace: --base-shift must be a finite number of metres", file=sys.stderr)
+        return 2
+    if arguments.samples < 4:
+        print("softsim workspace: --samples must be 4 or more", file=sys.stderr)
+        return 2
+    from softsim_core.inverse.workspace import sample_workspace
+    from softsim_core.scene import load_scene
+
+    scene = load_scene(arguments.robot)
+    progress = _Progress()
+    workspace = sample_workspace(scene, arguments.samples, arguments.base_shift, progress)
+    progress.end()
+    if arguments.json:
+        print(json.dumps({"robot": scene.name, **workspace.summary(), **_samples(workspace)}))
+    else:
+        print("\n".join(_sentences(scene.name, workspace)))
+    if arguments.out is not None:
+        from softsim_ros.cli.robots.workspace_picture import draw
+
+        draw(workspace, scene.name, arguments.out)
+        print(f"picture: {arguments.out}", file=sys.stderr)
+    return 0
+
+
+class _Progress:
+    """A line on the terminal that counts up; nothing where stderr is no terminal."""
+
+    def __init__(self) -> None:
+        self._shown, self._next = sys.stderr.isatty(), 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._shown and (time.monotonic() >= self._next or done == total):
+            self._next = time.monotonic() + 0.2
+            print(f"\requilibria {done}/{total}", end="", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        if self._shown:
+            print(file=sys.stderr)
+
+
+def _samples(workspace: Workspace) -> dict[str, object]:
+    return {
+        "joints": workspace.joints.tolist(),
+        "positions_m": workspace.positions.tolist(),
+        "quaternions_xyzw": workspace.quaternions.tolist(),
+        "conditions": workspace.conditions.tolist(),
+        "failed_joints": workspace.failed.tolist(),
+    }
+
+
+def _sentences(robot: str, workspace: Workspace) -> list[str]:
+    low, high = 1e3 * workspace.extents
+    tilt_low, tilt_high = (math.degrees(1.0) * each for each in workspace.tilt_range)
+    conditions = sorted(workspace.conditions.tolist())
+    best, median, worst = conditions[0], conditions[len(conditions) // 2], conditions[-1]
+    count = len(workspace.joints)
+    rows = [("reachable volume (convex hull)", f"{1e6 * workspace.volume:.2f} cm^3")]
+    rows += [(f"{axis} of the effector", f"{low[k]:.1f} to {high[k]:.1f} mm") for k, axis in enumerate("xyz")]
+    rows += [
+        (f"tilt about {axis}", f"{tilt_low[k]:.1f} to {tilt_high[k]:.1f} deg") for k, axis in enumerate("xy")
+    ]
+    rows.append(
+        ("conditioning of the Jacobian", f"{best:.2f} at best, {median:.2f} median, {worst:.3g} at worst")
+    )
+    if len(workspace.failed):
+        rows.append(("no equilibrium was found at", f"{len(workspace.failed)} joint positions"))
+    title = f"{robot}: {count} equilibria, joint bases shifted by {1e3 * workspace.base_shift:g} mm"
+    return [title, *(f"  {name:<31} {value}" for name, value in rows)]

@@ -1,0 +1,1 @@
+"""One command that starts a robot, or one node of it: `up`, `run`."""

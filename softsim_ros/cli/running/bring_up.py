@@ -1,0 +1,171 @@
+"""Several nodes in one process: simulator, servo bridge, a board, and the teleop or a status line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from servo_bridge.board_node import BoardNode
+from servo_bridge.bridge_node import ServoBridge
+from softsim_core.scene import RobotDescription
+from softsim_node import discovery
+from softsim_node.process import ros_process
+from softsim_ros.cli.running.boards import BoardChoice, BoardKind, local_board, quiet_s
+from softsim_ros.cli.running.status_line import show_status
+from softsim_ros.cli.running.web_page import WebPage
+from softsim_ros.inverse.inverse_node import InverseControl
+from softsim_ros.runtime import SpinThread
+from softsim_ros.simulator.simulator_node import Simulator
+from softsim_ros.teleop.teleop_node import Teleop, drive
+from softsim_ros.teleop.terminal import NoTerminalError
+
+
+class BringUp:
+    """The nodes of one robot, spinning in two threads; leaving the `with` block reaches the safe pose.
+
+    Args:
+        robot: The robot.
+        namespace: Namespace of every node, without slashes at its ends.
+        board: The bridge's board.
+        inverse: With inverse control, disabled until key I.
+        policy: File of a policy that drives the robot; empty: none.
+        watch: Load the scene anew whenever one of its files is saved.
+        allow_code: Folders whose Python scenes may be loaded at run time.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        namespace: str,
+        board: BoardChoice,
+        *,
+        inverse: bool = False,
+        policy: str = "",
+        watch: bool = False,
+        allow_code: Sequence[str] = (),
+    ) -> None:
+        self.board: BoardNode | None = None
+        self.bridge: ServoBridge | None = None
+        self.inverse: InverseControl | None = None
+        with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
+            values = {"watch": watch, "allow_code": os.pathsep.join(allow_code)}
+            self.simulator = Simulator(
+                robot,
+                namespace=namespace,
+                parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+            )
+            stack.callback(self.simulator.close)
+            bridged = board.kind is not BoardKind.NONE
+            hardware = self._add_bridge(stack, robot, namespace, board) if bridged else []
+            stack.enter_context(SpinThread([self.simulator]))
+            if hardware:
+                stack.enter_context(SpinThread(hardware))
+            if inverse:
+                self.inverse = InverseControl(robot, namespace=namespace)
+                stack.callback(self.inverse.close)
+                stack.enter_context(SpinThread([self.inverse]))
+            if policy:
+                from softsim_ros.policy.policy_node import PolicyNode  # with it come the tasks, and Gymnasium
+
+                chosen = {"policy": policy, "enabled": True}
+                driver = PolicyNode(
+                    robot,
+                    namespace=namespace,
+                    parameter_overrides=[Parameter(name, value=value) for name, value in chosen.items()],
+                )
+                stack.callback(driver.close)
+                stack.enter_context(SpinThread([driver]))
+            self._stack = stack.pop_all()
+
+    def _add_bridge(
+        self, stack: contextlib.ExitStack, robot: RobotDescription, namespace: str, board: BoardChoice
+    ) -> list[Node]:
+        self.board = local_board(stack, robot, namespace, board.kind)
+        values: dict[str, object] = {
+            "robot": robot.name,
+            "port": board.port if self.board is None else self.board.board.port,
+            "autostart": "activate" if board.send else "configure",
+        }
+        if (quiet := quiet_s(board.kind)) is not None:
+            values["open_wait_s"] = quiet
+        self.bridge = ServoBridge(
+            scene=robot,
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        stack.callback(self.bridge.destroy_node)
+        return [*([self.board] if self.board else ()), self.bridge]
+
+    def __enter__(self) -> BringUp:
+        """Everything spins already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop spinning, reach the safe pose, close the port, end the physics."""
+        self._stack.close()
+
+
+def run_bring_up(
+    robot: RobotDescription,
+    namespace: str,
+    board: BoardChoice,
+    interactive: bool,
+    *,
+    inverse: bool = False,
+    policy: str = "",
+    watch: bool = False,
+    allow_code: Sequence[str] = (),
+    page: WebPage | None = None,
+) -> int:
+    """Run a robot until its person or a signal ends it.
+
+    Args:
+        robot: The robot.
+        namespace: Namespace of every node.
+        board: The bridge's board.
+        interactive: Show the teleop in this terminal; else a status line.
+        inverse: With inverse control.
+        policy: File of a policy that drives the robot; empty: none.
+        watch: Load the scene anew whenever one of its files is saved.
+        allow_code: Folders whose Python scenes may be loaded at run time.
+        page: The viewer, whose address is told once the robot runs.
+
+    Returns:
+        Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
+
+    Raises:
+        SoftSimError: a node could not be made.
+    """
+    print(f"starting {robot.name}: Ctrl-C ends it in the safe pose", flush=True)
+    print(discovery.sentence(os.environ), flush=True)
+    switches = {"inverse": inverse, "watch": watch}
+    with (
+        ros_process(),
+        BringUp(robot, namespace, board, **switches, policy=policy, allow_code=allow_code) as nodes,
+    ):
+        notice = str if page is None else page.notice
+        if said := notice():
+            print(said, flush=True)
+        if not (interactive and _drive(robot, namespace, notice)):
+            show_status(nodes.simulator, nodes.bridge, nodes.board, notice)
+    print(f"{robot.name}: ended", flush=True)
+    return 0
+
+
+def _drive(robot: RobotDescription, namespace: str, notice: Callable[[], str]) -> bool:
+    """Run the teleop here, with a line that stays; False where this terminal cannot be used."""
+    teleop = Teleop(robot, namespace=namespace)
+    teleop.notice = notice
+    try:
+        drive(teleop)
+    except NoTerminalError as error:
+        print(f"softsim up: no teleop: {error}", file=sys.stderr)
+        return False
+    finally:
+        teleop.close()
+    return True

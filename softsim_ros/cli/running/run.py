@@ -1,0 +1,54 @@
+"""`softsim run NODE --ros-args ...`: one node in this process, where `ros2 run` is not installed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from softsim_core.wrong_names import known_names
+from softsim_node.ending import ending
+from softsim_node.program import run_module
+from softsim_ros.cli.running.nodes import NODES
+
+NAMING = ("robot:=", "__ns:=", "--params-file")
+"""Where a word holds one of these, it may name the robot."""
+
+HELP = ("--help", "-h")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    width = max(map(len, NODES))
+    listing = "\n".join(f"  {name:<{width}}  {entry.help}" for name, entry in NODES.items())
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = f"nodes:\n{listing}\n\nexample: softsim run simulator --ros-args -p robot:=tripod"
+    parser.add_argument("node", nargs="?", help="name of the node")
+    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="...", help="the node's own arguments")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the node until it ends; an unknown name lists the known ones."""
+    name = arguments.node
+    if name not in NODES:
+        what = f"unknown node '{name}'" if name else "which node?"
+        near = known_names(name or "", NODES, "known nodes:")
+        print(f"softsim run: {what}; {near}", file=sys.stderr)
+        return 2
+    with ending.orderly():
+        words = [*arguments.rest, *(_found(arguments.rest) if NODES[name].joins else ())]
+        return run_module(NODES[name].module, words)
+
+
+def _found(words: Sequence[str]) -> list[str]:
+    """What names the robot that runs, where the words name none."""
+    if any(sign in word for word in words for sign in (*NAMING, *HELP)):
+        return []
+    try:
+        from softsim_ros.client.discovery import running_robot
+    except ImportError:  # the node itself says what is missing
+        return []
+    found = running_robot()
+    if found is None:
+        return []
+    return ["--ros-args", "-p", f"robot:={found.robot}", "-r", f"__ns:={found.namespace}"]

@@ -1,0 +1,128 @@
+"""`softsim up ROBOT`: simulator, servo bridge and more in one process, driven from this terminal."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import sys
+
+VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
+PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "robot", nargs="?", default="tripod", help="robot or scene: a name or a file (tripod)"
+    )
+    parser.add_argument("--mesh", metavar="LEVEL", help="the robot on another mesh, such as mid or high")
+    parser.add_argument(
+        "--board",
+        default=VIRTUAL,
+        metavar="PORT",
+        help=f"{VIRTUAL} (default), {EMULATED} (the real firmware in an emulated board),"
+        f" {SEARCH} (the one that is plugged in), or a path such as /dev/ttyACM0",
+    )
+    parser.add_argument("--no-bridge", action="store_true", help="simulate only")
+    parser.add_argument("--send", action="store_true", help="send to the board at once, without key B")
+    parser.add_argument(
+        "--inverse",
+        action="store_true",
+        help="with inverse control: key I, then the arrow keys move the goal",
+    )
+    parser.add_argument(
+        "--policy",
+        metavar="FILE",
+        help="driven by a trained policy (ONNX) as soon as the robot stands at its start (key A)",
+    )
+    parser.add_argument(
+        "--watch", action="store_true", help="load the scene anew whenever one of its files is saved"
+    )
+    parser.add_argument(
+        "--allow-code",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="Python scenes of this folder may be loaded from the page and over ROS; they run code",
+    )
+    parser.add_argument("--no-viewer", action="store_true", help="without the web page")
+    parser.add_argument(
+        "--lite", action="store_true", help="cheap light in the page, for browsers without a GPU"
+    )
+    parser.add_argument("--port", type=int, default=PAGE_PORT, help=f"port of the web page ({PAGE_PORT})")
+    parser.add_argument(
+        "--host",
+        default=PAGE_HOST,
+        metavar="IP",
+        help=f"who reaches the page: {PAGE_HOST}, this machine (default), 0.0.0.0 the network, by token",
+    )
+    parser.add_argument(
+        "--no-token",
+        action="store_true",
+        help="the page asks for no secret: every account of this machine may drive the robot",
+    )
+    parser.add_argument("--headless", action="store_true", help="no teleop: a status line, until Ctrl-C")
+    parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
+    parser.epilog = (
+        "On a real board nothing moves until key B, or --send; Enter is the e-stop. "
+        "? in the teleop shows the keys."
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until a key quits or Ctrl-C or SIGTERM comes; the servos end in the safe pose."""
+    from softsim_core.scene import load_scene
+    from softsim_ros.cli.running.boards import BoardChoice, BoardKind
+    from softsim_ros.cli.running.bring_up import run_bring_up
+    from softsim_ros.cli.running.one_at_a_time import only_one
+    from softsim_ros.cli.running.web_page import PageChoice, WebPage
+
+    scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
+    namespace = (arguments.namespace or scene.name).strip("/")
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII):
+        print(
+            f"softsim up: {namespace!r} cannot be a namespace; use letters, digits and underscores, not "
+            "beginning with a digit, such as tripod_2",
+            file=sys.stderr,
+        )
+        return 2
+    if scene.board is None and not arguments.no_bridge:
+        print(f"{scene.name} has no section board: simulating only, without a servo bridge")
+    named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(arguments.board, BoardKind.REAL)
+    board = BoardChoice(
+        BoardKind.NONE if arguments.no_bridge or scene.board is None else named,
+        port="" if arguments.board == SEARCH else arguments.board,
+        send=arguments.send,
+    )
+    interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(only_one(namespace))
+        page = None
+        if not arguments.no_viewer:
+            choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
+            page = stack.enter_context(WebPage(scene.name, namespace, choice))
+        return run_bring_up(
+            scene,
+            namespace,
+            board,
+            interactive and bool(scene.joints),
+            inverse=arguments.inverse,
+            policy=arguments.policy or "",
+            watch=arguments.watch,
+            allow_code=arguments.allow_code,
+            page=page,
+        )
+
+
+def _robot_on_mesh(robot: str, level: str | None) -> str:
+    """Name of the robot on a mesh level: "tripod" and "mid" is "tripod_mid"; "low" is the robot itself.
+
+    Raises:
+        ConfigError: there is no such robot; names the known ones.
+    """
+    from softsim_core.scene.files import known_scenes
+
+    if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
+        return robot
+    return f"{robot}_{level}"

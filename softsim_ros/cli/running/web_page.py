@@ -1,0 +1,121 @@
+"""The viewer of `softsim up`, in a process of its own: whatever it does, the physics keep their pace."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import IO, Final
+
+from softsim_node.ending import ending
+
+ANNOUNCED: Final = "viewer: "
+"""How the viewer begins the line with its address."""
+
+START_WITHIN_S: Final = 60.0
+END_WITHIN_S: Final = 5.0
+LOOK_S: Final = 0.1
+
+
+@dataclass(frozen=True)
+class PageChoice:
+    """What the command line says of the page.
+
+    Attributes:
+        host: IP address to listen on.
+        port: TCP port.
+        lite: Cheap light, for browsers without a graphics card.
+        no_token: Ask for no secret, on this machine only.
+    """
+
+    host: str
+    port: int
+    lite: bool = False
+    no_token: bool = False
+
+
+class WebPage:
+    """A viewer process; leaving the `with` block ends it.
+
+    Args:
+        robot: Name of the robot or scene, as the viewer's parameter `robot`.
+        namespace: Namespace of the robot, without slashes at its ends.
+        choice: Address and looks.
+    """
+
+    def __init__(self, robot: str, namespace: str, choice: PageChoice) -> None:
+        self._settled = threading.Event()
+        self._address, self._last = "", "it ended without a word"
+        self._again = f"softsim run viewer --ros-args -r __ns:=/{namespace} -p robot:={robot}"
+        self._process: subprocess.Popen[str] | None = None
+        if importlib.util.find_spec("viser") is None:
+            self._last = "viser is not installed (pip install 'softsim[viewer]')"
+            self._settled.set()
+            return
+        parameters = {
+            "robot": robot,
+            "host": choice.host,
+            "port": choice.port,
+            "lite": str(choice.lite).lower(),
+            "no_token": str(choice.no_token).lower(),
+        }
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        module = "softsim_ros.viewer.viewer_node"
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}", *given],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # Ctrl-C is for the robot; the page ends last
+        )
+        threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
+
+    def _listen(self, output: IO[str]) -> None:
+        """Read all it says: a full pipe would stop it."""
+        for line in output:
+            if line.startswith(ANNOUNCED) and not self._address and "http://" in line:
+                self._address = line.removeprefix(ANNOUNCED).strip()
+                self._settled.set()
+            elif line.strip():
+                self._last = line.strip().removeprefix(ANNOUNCED)
+        self._settled.set()
+
+    def notice(self) -> str:
+        """One sentence with the address, or with the reason why there is no page; waits until it is known.
+
+        Ask again for the sentence of that moment: a page may end before the robot does.
+        """
+        end = time.monotonic() + START_WITHIN_S
+        while not (self._settled.wait(LOOK_S) or ending.asked or time.monotonic() > end):
+            pass
+        if not self._settled.is_set():
+            self._last = f"it did not start within {START_WITHIN_S:g} s"
+        if not self._address:
+            return f"no web page: {self._last}"
+        if self._process is not None and self._process.poll() is not None:
+            return f"the web page has ended, the robot goes on; another page: {self._again}"
+        return f"open {self._address} in a browser"
+
+    def __enter__(self) -> WebPage:
+        """It is starting already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        process = self._process
+        if process is None or process.poll() is not None:
+            return
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            process.wait()

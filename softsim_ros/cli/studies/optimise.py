@@ -1,0 +1,53 @@
+"""`softsim optimise STUDY`: the values of a study's variables at which its objective is best."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from softsim_ros.cli.studies.sweep import Progress, configure_running, options, tell, wrong_numbers
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("study", help="a study with an objective: a file, or the name of a known one")
+    configure_running(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run generations until it is found, and say what it is."""
+    from softsim_core.study.optimise import optimise
+    from softsim_core.study.preparing import prepare_study
+
+    if (wrong := wrong_numbers(arguments)) is not None:
+        print(f"softsim optimise: {wrong}", file=sys.stderr)
+        return 2
+    prepared = prepare_study(arguments.study, arguments.allow_code)
+    store = arguments.out or Path(f"{prepared.study.name}.zarr")
+    progress = Progress()
+    try:
+        found = optimise(prepared, store, options(arguments, store, progress))
+    finally:
+        progress.end()
+    if arguments.json:
+        told = {
+            "store": str(store),
+            "run": found.run,
+            "objective": found.objective,
+            "values": dict(found.values),
+            "generations": found.generations,
+            "ended": found.ended,
+            "new": found.summary.new,
+            "counts": dict(found.summary.counts),
+        }
+        print(json.dumps(told))
+        return 0
+    tell(found.summary, as_json=False)
+    units = {each.name: each.unit for each in prepared.study.variables}
+    print(f"{found.generations} generations; {found.ended}")
+    print(f"best is run {found.run}, objective {found.objective:.6g}:")
+    for name, value in found.values.items():
+        print(f"  {name} = {value:.6g} {units[name]}".rstrip())
+    return 0

@@ -1,0 +1,200 @@
+"""`softsim sweep STUDY`: many runs of one scene on all cores or a cluster, into one store; and its page."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softsim_core.errors import StudyError
+
+if TYPE_CHECKING:
+    from softsim_core.study.sweep import StudySummary, SweepOptions
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "study", nargs="?", help="a study: a file, or the name of a known one; none lists these"
+    )
+    configure_running(parser)
+    parser.add_argument("--parquet", type=Path, metavar="FILE", help="write a table, a row for each run, too")
+    parser.add_argument(
+        "--report", type=Path, metavar="STORE", help="run nothing; draw a store as a web page, STORE.html"
+    )
+
+
+def configure_running(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments about where runs are done."""
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="STORE", help="the store (NAME.zarr in this folder)"
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="worker processes (one for each core)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="run on this Dask cluster, such as tcp://host:8786"
+    )
+    parser.add_argument("--batch", type=int, default=1, metavar="N", help="runs of one task of Dask (1)")
+    parser.add_argument(
+        "--bags", type=int, default=0, metavar="N", help="keep recordings of N runs, spread evenly (0)"
+    )
+    parser.add_argument(
+        "--allow-code",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder whose Python scenes and functions may run; may be given again",
+    )
+    parser.add_argument("--json", action="store_true", help="print what became of it as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run a study, or draw its store."""
+    from softsim_core.study.description import known_studies, load_study
+
+    if arguments.report is not None:
+        return _report(arguments)
+    if arguments.study is None:
+        known = known_studies()
+        width = max(map(len, known), default=0)
+        for name, file in known.items():
+            print(f"{name:<{width}}  {load_study(file).about}")
+        return 0
+    from softsim_core.study.preparing import prepare_study
+    from softsim_core.study.results import read_results, write_parquet
+    from softsim_core.study.sweep import sweep
+
+    if (wrong := wrong_numbers(arguments)) is not None:
+        print(f"softsim sweep: {wrong}", file=sys.stderr)
+        return 2
+    prepared = prepare_study(arguments.study, arguments.allow_code)
+    store = arguments.out or Path(f"{prepared.study.name}.zarr")
+    progress = Progress()
+    try:
+        summary = sweep(prepared, store, options(arguments, store, progress))
+    finally:
+        progress.end()
+    if arguments.parquet is not None:
+        write_parquet(read_results(store), arguments.parquet)
+    tell(summary, arguments.json)
+    return 0
+
+
+def wrong_numbers(arguments: argparse.Namespace) -> str | None:
+    """What is wrong with the numbers given; None: nothing is."""
+    for option, least in (("workers", 1), ("batch", 1), ("bags", 0)):
+        given = getattr(arguments, option)
+        if given is not None and given < least:
+            return f"--{option} must be {least} or more"
+    if arguments.workers is not None and arguments.scheduler is not None:
+        return "give --workers or --scheduler, not both"
+    return None
+
+
+def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> SweepOptions:
+    """How a study is run, as it was asked for.
+
+    Raises:
+        StudyError: recordings are asked for, and ROS or the package that writes them is missing.
+    """
+    from softsim_core.study.engine import Where
+    from softsim_core.study.sweep import SweepOptions
+
+    recorder = None
+    if arguments.bags:
+        for package, extra in (("rosbags", "recording"), ("rclpy", "ros")):
+            if importlib.util.find_spec(package) is None:
+                raise StudyError(f"--bags needs {package}: pip install 'softsim[{extra}]'")
+        from softsim_ros.recording.run_bag import RunBags
+
+        recorder = RunBags(store.absolute().with_suffix(".bags"))
+    workers = arguments.workers or len(os.sched_getaffinity(0))
+    where = Where(workers, arguments.scheduler, arguments.batch, progress.line)
+    return SweepOptions(where, progress, recorder, arguments.bags)
+
+
+def tell(summary: StudySummary, as_json: bool) -> None:
+    """Say what became of a study."""
+    if as_json:
+        told = {
+            "store": str(summary.folder),
+            "runs": summary.runs,
+            "new": summary.new,
+            "counts": summary.counts,
+        }
+        print(json.dumps(told))
+        return
+    counted = ", ".join(f"{count} {word.replace('_', ' ')}" for word, count in summary.counts.items())
+    print(f"{summary.folder}: {summary.runs} runs: {counted}; {summary.new} of them now")
+    for number, error in summary.first_errors:
+        print(f"  run {number}: {error}")
+    print(f"look: softsim sweep --report {summary.folder}; read: xarray.open_zarr('{summary.folder}')")
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from softsim_core.study.results import read_results, write_parquet
+    from softsim_ros.cli.studies.sweep_page import write
+
+    if arguments.study is not None:
+        print("softsim sweep: --report names a store, and no study goes with it", file=sys.stderr)
+        return 2
+    results = read_results(arguments.report)
+    page = arguments.out or Path(f"{arguments.report.name or 'study'}.html")
+    write(page, results)
+    print(f"report: {page}")
+    if arguments.parquet is not None:
+        write_parquet(results, arguments.parquet)
+    return 0
+
+
+class Progress:
+    """A line on the terminal: runs done and failed, rate, time to go; else one line a minute."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._begin, self._first, self._next, self._last = 0.0, 0, 0.0, (0, 0, 0)
+
+    def line(self, text: str) -> None:
+        """Say something beside the bar."""
+        print(text, file=sys.stderr, flush=True)
+
+    def __call__(self, done: int, failed: int, total: int) -> None:
+        """Told after each run."""
+        now = time.monotonic()
+        if not self._begin:
+            self._begin, self._first, self._next = now, done, now + (0.0 if self._terminal else 60.0)
+        self._last = (done, failed, total)
+        if now >= self._next:
+            self._next = now + (0.2 if self._terminal else 60.0)
+            self._show(now)
+
+    def _show(self, now: float) -> None:
+        done, failed, total = self._last
+        rate = (done - self._first) / max(now - self._begin, 1e-9)
+        left = f"{_duration((total - done) / rate)} to go" if rate > 0.0 else ""
+        filled = round(20 * done / max(total, 1))
+        bar = f"[{'#' * filled}{'.' * (20 - filled)}] {done}/{total} runs"
+        line = f"{bar}, {failed} failed, {rate:.1f} per second, {left}"
+        print(
+            f"\r{line:<78}" if self._terminal else line, end="" if self._terminal else "\n", file=sys.stderr
+        )
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        """The last line."""
+        if self._begin:
+            done, failed, total = self._last
+            spent = time.monotonic() - self._begin
+            line = f"{done}/{total} runs, {failed} failed; {done - self._first} in {spent:.1f} s"
+            print(f"\r{line:<78}" if self._terminal else line, file=sys.stderr)
+            self._begin = 0.0
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"

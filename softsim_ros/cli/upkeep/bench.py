@@ -1,0 +1,357 @@
+"""`softsim bench`: time of a simulation step on this machine, one thread, with what it is compared to."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softsim_ros.benchmark.machine import describe_machine, limit_threads  # loads no NumPy
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from softsim_ros.benchmark.records import Record
+    from softsim_ros.benchmark.rubber import RubberTime
+    from softsim_ros.benchmark.sensing import SensorTime
+
+ROUNDS, QUICK_ROUNDS = 40, 5
+QUICK_MESHES = ("low", "reference_low")
+PEER_MESHES = ("low", "mid")
+EXIT_USAGE = 2
+SCENES = (
+    "held_centre", "tripod", "inverse", "cable_finger", "gripper_free", "gripper_grasp", "tripod_ball",
+)  # fmt: skip  # named here too: to take them from benchmark.cases would load NumPy
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--quick", action="store_true", help="low meshes only, few samples, no node process")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers as a list of objects")
+    parser.add_argument(
+        "--scene",
+        action="append",
+        choices=SCENES,
+        help="only this scene (repeatable)",
+    )
+    parser.add_argument(
+        "--mesh",
+        action="append",
+        metavar="NAME",
+        help="only this mesh (repeatable): low, mid, high, reference_low, reference_mid, reference_high",
+    )
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        metavar="DIR",
+        help="folder with the reference data; default: $SOFTSIM_REFERENCE, else ../shared/reference",
+    )
+    parser.add_argument("--rounds", type=int, metavar="N", help=f"turns of each thing measured ({ROUNDS})")
+    parser.add_argument(
+        "--peers", action="store_true", help="add Drake's deformable body and MuJoCo's flex, where installed"
+    )
+    parser.add_argument(
+        "--no-process", action="store_true", help="leave out memory and publishing of the simulator process"
+    )
+    parser.add_argument(
+        "--bridge",
+        action="store_true",
+        help="measure only the servo bridge on a virtual board: topic to last byte, send period",
+    )
+    parser.add_argument(
+        "--scaling",
+        action="store_true",
+        help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k)",
+    )
+    parser.add_argument(
+        "--rubber",
+        action="store_true",
+        help="measure only quadratic cells beside splu, and what chambers cost (two minutes)",
+    )
+    parser.add_argument(
+        "--sensors", action="store_true", help="measure only what each kind of sensor costs per step (10 s)"
+    )
+    parser.add_argument(
+        "--batch",
+        action="store_true",
+        help="measure only copies stepped together, on one and two cores (minutes; --quick: half a minute); "
+        "with --peers beside MuJoCo's batched steps of a flex",
+    )
+    parser.add_argument(
+        "--install",
+        action="store_true",
+        help="measure only the first start: a copy of the checkout, empty environment and caches (minutes)",
+    )
+    parser.add_argument(
+        "--viewer",
+        action="store_true",
+        help="measure only the web viewer: its load, and the step time with it",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="how long --bridge measures each way (20)"
+    )
+    parser.add_argument("--check", action="store_true", help="exit with 1 when a target is missed")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, print, write."""
+    alone = limit_threads(os.environ)
+    if arguments.rounds is not None and arguments.rounds < 1:
+        return _refuse("--rounds must be at least 1")
+    if arguments.bridge:
+        return _bridge(arguments)
+    if arguments.install:
+        return _install(arguments)
+    if arguments.viewer:
+        return _viewer(arguments)
+    if arguments.scaling:
+        return _scaling(arguments)
+    if arguments.rubber:
+        return _rubber(arguments)
+    if arguments.sensors:
+        return _sensors(arguments)
+    if arguments.batch:
+        from softsim_ros.cli.upkeep.bench_batch import run_batch
+
+        return run_batch(arguments, _rounds(arguments))
+    from softsim_core.wrong_names import known_names
+    from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
+
+    reference = arguments.reference or default_reference_dir()
+    there = available_meshes(reference)
+    meshes = arguments.mesh or [mesh for mesh in there if not arguments.quick or mesh in QUICK_MESHES]
+    for mesh in meshes:
+        if mesh not in MESHES:
+            return _refuse(f"unknown mesh {mesh}; {known_names(mesh, MESHES, 'known meshes:')}")
+        if mesh not in there:
+            return _refuse(
+                f"mesh {mesh} needs the reference data, which are not in {reference}; use --reference DIR"
+            )
+    if there == [mesh for mesh in MESHES if not mesh.startswith("reference_")]:
+        _say(f"no reference meshes in {reference} (--reference DIR, or SOFTSIM_REFERENCE): ours only")
+
+    print("\n".join(describe_machine()))
+    print("one thread" + ("" if alone else " wanted, but NumPy was already loaded with its own setting"))
+    records, missed = _steps(arguments, meshes, reference)
+    if arguments.peers:
+        records += _peers(arguments, meshes, records, reference)
+    if not (arguments.quick or arguments.no_process):
+        missed += _process(records)
+    if arguments.json:
+        from softsim_ros.benchmark.records import write_json
+
+        try:
+            write_json(records, arguments.json)
+        except OSError as error:
+            print(f"softsim bench: cannot write {arguments.json}: {error.strerror}", file=sys.stderr)
+            return 1
+    return 1 if arguments.check and missed else 0
+
+
+def _install(arguments: argparse.Namespace) -> int:
+    """Measure and print a first start."""
+    from softsim_ros.benchmark.first_start import INSTALL_WITHIN_S, FirstStart, judged
+
+    checkout = Path(__file__).resolve().parents[3]
+    if not (checkout / "softsim").is_file():
+        return _refuse(f"--install copies a checkout, and {checkout} is none")
+    cores, load = os.cpu_count(), os.getloadavg()[0]
+    print(f"first start of a copy of {checkout}: {cores} cores, load {load:.1f}", flush=True)
+    first = FirstStart(checkout, "tripod", lambda line: print(line, flush=True))
+    if code := first.run(INSTALL_WITHIN_S):
+        print("\n".join(first.output[-15:]), file=sys.stderr)
+        print(f"softsim bench: the first start failed (exit code {code})", file=sys.stderr)
+        return 1
+    sentences, missed = judged(first.phases)
+    print("\n".join(sentences))
+    return 1 if arguments.check and missed else 0
+
+
+def _rounds(arguments: argparse.Namespace) -> int:
+    return int(arguments.rounds or (QUICK_ROUNDS if arguments.quick else ROUNDS))
+
+
+def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) -> tuple[list[Record], int]:
+    """Measure whole steps and print them; the records and the number of missed targets."""
+    from softsim_ros.benchmark.cases import cases
+    from softsim_ros.benchmark.records import judge
+    from softsim_ros.benchmark.report import table
+    from softsim_ros.benchmark.steps import known_paths, measure
+
+    paths = known_paths()
+    if "numba" not in paths:
+        _say("numba is not installed: only the SciPy path is measured; pip install numba")
+    records = []
+    for group in cases(meshes, arguments.scene or SCENES, reference):
+        _say(f"measuring {' and '.join(case.scene for case in group)} on {group[0].mesh} ...")
+        records += measure(group, paths, _rounds(arguments))
+    judge(records)
+    print("\nwhole Simulation.step(), one dt; splu: one factorisation of the same step's matrix, same run;")
+    print("reference: nodes and tets of the scene on the reference's mesh; of scipy: share of the SciPy path")
+    print("\n".join(table(records)))
+    missed = sum(record.missed for record in records)
+    judged = sum(record.ratio is not None for record in records)
+    print(f"{judged - missed} of {judged} targets met" if judged else "nothing to judge")
+    return records, missed
+
+
+def _peers(
+    arguments: argparse.Namespace, meshes: list[str], ours: list[Record], reference: Path
+) -> list[Record]:
+    """Measure the held body in other engines and print it; their records."""
+    from softsim_ros.benchmark.cases import Case, describe
+    from softsim_ros.benchmark.peers.comparison import compare
+    from softsim_ros.benchmark.report import peer_table
+
+    records: list[Record] = []
+    notes: dict[str, None] = {}
+    for mesh in meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]:
+        _say(f"measuring the held body in other engines on {mesh} ...")
+        case = Case("held_centre", mesh, describe("held_centre", mesh, reference))
+        found, missing = compare(case, _rounds(arguments))
+        records += found
+        notes |= dict.fromkeys(missing)
+        for record in ours:  # the sag of the same run stands beside our own time, too
+            if found and (record.scene, record.mesh, record.path) == ("held_centre", mesh, "numba"):
+                record.extras["sag_mm"] = found[0].extras["ours_sag_mm"]
+    print("\nthe held body in other engines, one dt of the scene; sag: of the lowest node, at rest")
+    print("\n".join([*(peer_table(records) if records else ()), *notes]))
+    return records
+
+
+def _process(records: list[Record]) -> int:
+    """Measure a simulator process and print it; the number of missed targets."""
+    from softsim_ros.benchmark.process import MEMORY_LIMIT_MB, PUBLISH_LIMIT_MS, measure_process
+
+    _say("running the simulator on mid for 1000 steps ...")
+    figures = measure_process()
+    verdict = "MISSED" if figures.memory_mb > MEMORY_LIMIT_MB else "ok"
+    print(f"\n{figures.what}, mid, after {figures.steps} steps:")
+    print(f"  memory {figures.memory_mb:.0f} MB, target <= {MEMORY_LIMIT_MB:.0f} MB: {verdict}")
+    missed = int(figures.memory_mb > MEMORY_LIMIT_MB)
+    extras: dict[str, object] = {"memory_mb": figures.memory_mb}
+    if figures.publish_ms is not None:
+        late = figures.publish_ms > PUBLISH_LIMIT_MS
+        missed += late
+        print(
+            f"  publishing {figures.publish_ms:.2f} ms per step, target <= {PUBLISH_LIMIT_MS:.0f} ms: "
+            f"{'MISSED' if late else 'ok'}; real-time factor {figures.real_time_factor:.2f}"
+        )
+        extras |= {"publish_ms": figures.publish_ms}
+    for record in records:
+        if (record.scene, record.mesh, record.path) == ("tripod", "mid", "numba"):
+            record.extras.update(extras)
+    return missed
+
+
+def _bridge(arguments: argparse.Namespace) -> int:
+    """Measure the servo bridge and print it; 1 where a target is missed and `--check` asks."""
+    if not arguments.seconds >= 1.0:
+        return _refuse("--seconds must be at least 1")
+    from softsim_ros.benchmark.bridge import measure_bridge
+
+    print("\n".join(describe_machine()))
+    _say(f"running the bridge twice for {arguments.seconds:g} s ...")
+    figures = measure_bridge(seconds=arguments.seconds)
+    for each in figures:
+        print("\n".join(each.lines()))
+    return 1 if arguments.check and any(each.late for each in figures) else 0
+
+
+def _scaling(arguments: argparse.Namespace) -> int:
+    """Measure meshes of growing size and print them; 1 where one could not be measured."""
+    from softsim_ros.benchmark.records import write_json
+    from softsim_ros.benchmark.scaling import (
+        QUICK_SIZES,
+        SIZES,
+        ScalingError,
+        measure_scaling,
+        scaling_table,
+    )
+    from softsim_ros.benchmark.steps import known_paths
+
+    if "numba" not in known_paths():
+        return _refuse("--scaling needs the package numba: pip install numba")
+    print("\n".join(describe_machine()))
+    scales = []
+    try:
+        for each in measure_scaling(QUICK_SIZES if arguments.quick else SIZES):
+            _say(f"measured {each.shape} {each.size}: {each.step_ms:.1f} ms a step")
+            scales.append(each)
+        if arguments.json:
+            write_json(scales, arguments.json)
+    except ScalingError as error:
+        _say(f"softsim bench: {error}")
+        return 1
+    except OSError as error:
+        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+        return 1
+    print(
+        "whole steps of a held body that falls, processor time of one thread, shortest; plan: symbolic only"
+    )
+    print("\n".join(scaling_table(scales)))
+    return 0
+
+
+def _rubber(arguments: argparse.Namespace) -> int:
+    """Measure quadratic cells and chambers and print them; 1 where a target is missed and `--check` asks."""
+    from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
+    from softsim_ros.benchmark.steps import known_paths
+
+    if "numba" not in known_paths():
+        return _refuse("--rubber needs the package numba: pip install numba")
+    print("\n".join(describe_machine()))
+    times = measure_rubber(_rounds(arguments))
+    print("\nwhole Simulation.step() in turns with one factorisation of its matrix, or with the same scene")
+    print("without its chambers; what is judged is the shortest time, or what that is longer by")
+    print("\n".join(rubber_table(times)))
+    return _ended(times, arguments)
+
+
+def _sensors(arguments: argparse.Namespace) -> int:
+    """Measure sensors and print them; 1 where a target is missed and `--check` asks."""
+    from softsim_ros.benchmark.sensing import SCENE, measure_sensors, sensor_table
+    from softsim_ros.benchmark.steps import known_paths
+
+    if "numba" not in known_paths():
+        return _refuse("--sensors needs the package numba: pip install numba")
+    print("\n".join(describe_machine()))
+    times = measure_sensors(_rounds(arguments))
+    print(f"\nstage `sensors` of a step of {SCENE}, each sensor alone, then all, read once per step")
+    print("\n".join(sensor_table(times)))
+    return _ended(times, arguments)
+
+
+def _ended(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argparse.Namespace) -> int:
+    """Write where `--json` asks; 1 where that fails, or where a target is missed and `--check` asks."""
+    from softsim_ros.benchmark.records import write_json
+
+    try:
+        if arguments.json:
+            write_json(times, arguments.json)
+    except OSError as error:
+        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+        return 1
+    return 1 if arguments.check and any(each.missed for each in times) else 0
+
+
+def _viewer(arguments: argparse.Namespace) -> int:
+    """Measure the web viewer and print it; 1 where a target is missed and `--check` asks."""
+    from softsim_ros.benchmark.viewer import measure_viewer
+
+    print("\n".join(describe_machine()))
+    _say("running the simulator alone and watched in turn, about a minute ...")
+    figures = measure_viewer()
+    print("\n".join(figures.lines()))
+    return 1 if arguments.check and figures.missed else 0
+
+
+def _say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def _refuse(sentence: str) -> int:
+    _say(f"softsim bench: {sentence}")
+    return EXIT_USAGE

@@ -1,0 +1,68 @@
+"""`softsim bench --batch`: copies stepped together, and what the environments over them cost."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from softsim_ros.benchmark.cases import default_reference_dir
+from softsim_ros.benchmark.copies import (
+    COUNTS,
+    QUICK_COUNTS,
+    WORKERS,
+    BatchRate,
+    measure_copies,
+    measure_peer,
+    missed,
+    peer_missing,
+    rate_table,
+)
+from softsim_ros.benchmark.environments import EnvironmentCost, cost_table, measure_environments
+from softsim_ros.benchmark.machine import describe_machine
+from softsim_ros.benchmark.records import write_json
+from softsim_ros.benchmark.steps import known_paths
+
+MOST_ROUNDS = 5
+PEER_COUNT = 8
+"""MuJoCo is measured with so many copies at most: its steps take up to 40 ms each."""
+
+
+def run_batch(arguments: argparse.Namespace, rounds: int) -> int:
+    """Measure and print; 1 where a target is missed and `--check` asks."""
+    if "numba" not in known_paths():
+        print("softsim bench: --batch needs the package numba: pip install numba", file=sys.stderr)
+        return 2
+    print("\n".join(describe_machine()))
+    counts = QUICK_COUNTS if arguments.quick else COUNTS
+    rounds, reference = min(rounds, MOST_ROUNDS), arguments.reference or default_reference_dir()
+    rates: list[BatchRate] = []
+    for each in measure_copies(counts, WORKERS, rounds, reference):
+        _say(f"{each.scene} {each.mesh}, {each.copies} copies on {each.workers}: {each.rate:.0f} steps/s")
+        rates.append(each)
+    notes: list[str] = []
+    if arguments.peers and (absent := peer_missing()):
+        notes.append(absent)
+    elif arguments.peers:
+        rates += measure_peer([count for count in counts if count <= PEER_COUNT], WORKERS, rounds, reference)
+    print("\nsteps of all copies per second of wall time; single: one Simulation in the same turns")
+    print("\n".join([*rate_table(rates), *notes]))
+    costs: list[EnvironmentCost] = []
+    try:
+        costs = measure_environments(max(counts[-2], 8), rounds)
+        print("\nactions of all robots per second; overhead: share of the time outside the physics")
+        print("\n".join(cost_table(costs)))
+    except ImportError as error:
+        print(f"environments are not measured: {error}")
+    slow = missed(rates) + [each.sentence for each in costs if each.missed]
+    print("\n".join(slow) if slow else "all targets met")
+    try:
+        if arguments.json:
+            write_json([*rates, *costs], arguments.json)
+    except OSError as error:
+        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+        return 1
+    return 1 if arguments.check and slow else 0
+
+
+def _say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)

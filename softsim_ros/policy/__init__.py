@@ -1,0 +1,1 @@
+"""A trained policy in front of a robot."""

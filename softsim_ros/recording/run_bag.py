@@ -1,0 +1,88 @@
+"""A bag of one run in this process, without nodes: what a recorder would have heard, at simulated times."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from softsim_core.simulation import Simulation
+
+PERIOD_S = 1.0 / 30.0
+"""Between frames of the moving mesh in [s]; joints and effector are told after every step."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunBags:
+    """Makes the bag of a run by its number.
+
+    Attributes:
+        folder: In which the bags lie, run_000007 and so on; one that is there already is replaced.
+    """
+
+    folder: Path
+
+    def __call__(self, work: Any, number: int) -> tuple[Callable[[Simulation], None], Callable[[], None]]:
+        """What is told after each step, and what closes the bag."""
+        bag = _RunBag(self.folder / f"run_{number:06d}")
+        return bag.look, bag.close
+
+
+class _RunBag:
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._next = folder, 0.0
+        self._writer: Any = None
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+
+    def look(self, simulation: Simulation) -> None:
+        """Write the state that is now."""
+        from softsim_ros import messages
+        from softsim_ros.frames import WORLD
+
+        writer = self._begun(simulation)
+        stamp, at = messages.time_message(simulation.time), 1 + round(1e9 * simulation.time)
+        told = messages.joint_state(
+            stamp,
+            WORLD,
+            simulation.joint_names,
+            simulation.joint_positions,
+            simulation.joint_velocities,
+            simulation.joint_efforts,
+        )
+        self._write(writer, "joint_states", "sensor_msgs/msg/JointState", at, told)
+        if (pose := simulation.effector_pose) is not None:
+            message = messages.pose_stamped(stamp, WORLD, pose.position, pose.quaternion_xyzw)
+            self._write(writer, "effector_pose", "geometry_msgs/msg/PoseStamped", at, message)
+        if simulation.time >= self._next - 1e-9:
+            self._next = simulation.time + PERIOD_S
+            points, stress = simulation.visual_points(), simulation.visual_values(simulation.von_mises())
+            cloud = messages.point_cloud(stamp, WORLD, points, stress)
+            self._write(writer, "mesh/points", "sensor_msgs/msg/PointCloud2", at, cloud)
+
+    def _begun(self, simulation: Simulation) -> Any:
+        """The writer; the first time it gets what does not move."""
+        if self._writer is None:
+            from softsim_ros import messages
+            from softsim_ros.recording.bag_writer import BagWriter
+
+            self._namespace = f"/{simulation.robot.name}"
+            notes = {"robot": simulation.robot.name, "namespace": self._namespace}
+            self._writer = BagWriter(self._folder, notes)
+            mesh = messages.topology(simulation.visual_rest_points, simulation.visual_triangles)
+            self._write(self._writer, "mesh/topology", "shape_msgs/msg/Mesh", 1, mesh)
+        return self._writer
+
+    def _write(self, writer: Any, topic: str, type_name: str, at: int, message: Any) -> None:
+        from rclpy.serialization import serialize_message
+
+        full = f"{self._namespace}/{topic}"
+        writer.add_topic(full, type_name)
+        writer.write(full, at, serialize_message(message))
+
+    def close(self) -> None:
+        """End the bag."""
+        if self._writer is not None:
+            self._writer.close()
