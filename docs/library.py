@@ -17,18 +17,19 @@ import softsim_core as core  # noqa: E402
 
 GROUPS: dict[str, str] = {
     "Running": (
-        "Simulation load_scene known_scenes find_config RunningSimulation StepReport StaticSolution "
+        "Simulation load_scene known_scenes find_config Batch RunningSimulation StepReport StaticSolution "
         "ContactReport CableView ChamberView"
     ),
     "What is simulated": (
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "
-        "LayerDescription FibresDescription AxisDescription "
+        "MaterialRegionDescription LayerDescription FibresDescription AxisDescription "
         "RodDescription RodSectionDescription LayerOfRodDescription RodClampDescription "
         "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
         "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),
     "What is felt": (
-        "SimulatedSensorDescription WrenchSensorDescription TactileArrayDescription StrainSensorDescription "
+        "SimulatedSensorDescription WrenchSensorDescription ForceTorqueDescription TactileArrayDescription "
+        "StrainSensorDescription "
         "ImuDescription MarkersDescription CableSensorDescription ChamberSensorDescription SensorReading "
         "register_sensor Sensor Seen Scenery"
     ),
@@ -39,20 +40,21 @@ GROUPS: dict[str, str] = {
     "The robot around it": (
         "RobotDescription CommandSettings StartAnimation KeyBinding BoardDescription "
         "BusServo ServoCalibration "
-        "InverseSettings ViewSettings Camera Controller"
+        "InverseSettings ViewSettings Camera Section Controller ArmDescription ToolDescription arm_with_tools"
     ),
     "Scenes in Python": "Scene Part animated",
     "Meshes": (
         "TetMesh SurfaceMesh box_mesh read_tets read_surface check_tets boundary_surface surface_of "
         "write_tets write_surface"
     ),
+    "MuJoCo models": "import_mjcf ImportedScene write_imported export_mjcf ExportedModel",
     "Poses and rotations": (
         "Pose rotation_of quaternion_of rotation_euler rotation_exp rotation_log tilt_rotation tilts_of"
     ),
     "Inverse control": (
         "InverseController InverseReport solve_pose PoseSolution PositionTask OrientationTask HeightTiltTask "
         "PoseTask Sensitivity analytic_sensitivity sampled_sensitivity sample_workspace Workspace "
-        "TiltController TiltGains"
+        "TiltController TiltGains reach"
     ),
     "Models beside measurements": (
         "known_data_sets load_data_set DataSet load_session Session session_robot validate_session "
@@ -63,11 +65,17 @@ GROUPS: dict[str, str] = {
         "SensorDescription OtherModel TimeColumn FrameDescription AlignmentDescription SplitDescription "
         "ErrorLimits"
     ),
+    "Many runs": (
+        "load_study StudyDescription VariableDescription DesignDescription CommandStep QuantityDescription "
+        "ObjectiveDescription prepare_study PreparedStudy sweep SweepOptions Where StudySummary read_results "
+        "StudyResults RandomisationDescription SpreadDescription"
+    ),
+    "Trained policies": "load_policy Policy policy_metadata",
     "Paths": "EffectorPath read_path JointTrajectory",
     "Errors": (
-        "SoftSimError SceneError FieldError ArrayError ConfigError DataError MeshError MaterialError "
-        "CommandError PathRefusedError SnapshotError SolverDivergedError FactorisationError "
-        "DetectionOverflowError NotConvergedError"
+        "SoftSimError SceneError FieldError ArrayError BatchError ConfigError DataError MeshError MjcfError "
+        "MaterialError CommandError PathRefusedError SnapshotError SolverDivergedError FactorisationError "
+        "DetectionOverflowError NotConvergedError NotReachedError PolicyError StudyError"
     ),
     "Version": "__version__",
 }

@@ -223,9 +223,9 @@ def _draw_cables(axes: plt.Axes, simulation: Simulation) -> None:
 
 def _draw_held_nodes(axes: plt.Axes, simulation: Simulation) -> None:
     """Nodes that move rigidly: red held by the world, purple with a joint or a free frame."""
-    zone = simulation.model.region_of_node
+    region = simulation.model.region_of_node
     points = 1e3 * simulation.positions
-    for chosen, colour in ((zone == FIXED, "tab:red"), (zone >= 0, "tab:purple")):
+    for chosen, colour in ((region == FIXED, "tab:red"), (region >= 0, "tab:purple")):
         if chosen.any():
             axes.scatter(*points[chosen].T, color=colour, s=6, zorder=5, depthshade=False)
 

@@ -1,0 +1,110 @@
+"""Write pictures of the page into docs/images: robots in a headless Chromium, moved by its own controls.
+
+From the checkout: `.softsim/venv/bin/python docs/pictures/page.py`; needs Chromium and Playwright.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import sync_playwright
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGES = ROOT / "docs" / "images"
+SOFTWARE_GL = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+]
+WIDE, PHONE = (1400, 850), (390, 844)
+WARNING = "Software WebGL rendering detected"
+
+
+def press(page: Any, words: str) -> None:
+    """Press a button."""
+    page.get_by_role("button", name=words, exact=True).click()
+
+
+def type_in(page: Any, slider: str, value: float) -> None:
+    """Type a number into the field of a slider."""
+    words = page.locator("label").get_by_text(slider, exact=True)
+    field = words.locator("xpath=../../..").locator("input[type=text]")
+    field.fill(f"{value:g}")
+    field.press("Enter")
+
+
+def mid_pose(page: Any) -> None:
+    """Take the Tripod to its start, then up."""
+    press(page, "A start pose")
+    page.wait_for_timeout(9000)
+    press(page, "Q mid pose")
+
+
+def grasp(page: Any) -> None:
+    """Let the gripper take the cube and lift it."""
+    pulled = [(f"finger_{number}_cable", 0.012) for number in (1, 2, 3)]
+    for slider, value in [("vertical", -0.05), *pulled, ("vertical", -0.02)]:
+        type_in(page, slider, value)
+        page.wait_for_timeout(4000)
+
+
+def bend(page: Any) -> None:
+    """Blow the finger up."""
+    press(page, "Q bent pose")
+
+
+MOVES: dict[str, Callable[[Any], None]] = {"tripod": mid_pose, "cable_gripper": grasp, "pneu_finger": bend}
+
+
+def window(size: tuple[int, int]) -> dict[str, int]:
+    """Width and height by name."""
+    return {"width": size[0], "height": size[1]}
+
+
+def take(browser: Any, robot: str, port: int) -> None:
+    """Start a robot with its page, move it, and write what a wide window and a phone see."""
+    words = ["up", robot, "--headless", "--no-bridge", "--port", str(port)]
+    command = [sys.executable, "-m", "softsim_ros.cli", *words]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
+    ) as up:
+        try:
+            assert up.stdout is not None
+            address = next(
+                found[0] for line in up.stdout if (found := re.findall(r"open (http://\S+)", line))
+            )
+            page = browser.new_page(viewport=window(WIDE))
+            page.set_default_timeout(90_000)
+            page.goto(address)
+            page.get_by_text("running").first.wait_for(state="visible")
+            if page.get_by_text(WARNING).count():
+                page.locator(".mantine-Notification-closeButton").first.click()
+            MOVES[robot](page)
+            page.wait_for_timeout(15_000)
+            page.screenshot(path=IMAGES / f"viewer_{robot}.png")
+            page.get_by_role("tab", name="View", exact=True).click()
+            page.get_by_role("checkbox", name="Stress colours", exact=True).click()
+            page.wait_for_timeout(5000)
+            page.screenshot(path=IMAGES / f"viewer_{robot}_stress.png")
+            page.set_viewport_size(window(PHONE))
+            page.get_by_role("tab", name="Drive", exact=True).click()
+            page.wait_for_timeout(5000)
+            page.screenshot(path=IMAGES / f"viewer_{robot}_phone.png")
+            page.close()
+        finally:
+            up.terminate()
+
+
+if __name__ == "__main__":
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=chromium, headless=True, args=SOFTWARE_GL)
+        for number, name in enumerate(sys.argv[1:] or MOVES):
+            take(running, name, 8090 + number)
