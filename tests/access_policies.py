@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -28,6 +29,8 @@ RULES = {
     "request": ("services", "service"),
 }
 """Verbs of a policy, each with the elements that it stands in."""
+
+POLICY = Path(__file__).resolve().parents[1] / "examples" / "learning" / "tripod_reach.onnx"
 
 SETTLED_S = 4.0
 """Nodes that declare nothing new for so long have declared all, in [s]."""
@@ -59,10 +62,11 @@ ELSEWHERE = {
     for name in names
 } | {
     Right("virtual_board", "virtual_board", "publish", "~/servo_pulses"),
+    *(Right("policy", "policy", "subscribe", name) for name in ("bodies/poses", "imu")),
     *(Right("observer", "observer", "publish", name) for name in ("/tf", "/tf_static")),
 }
 """Declared where the optional message packages are installed, see softsim_ros.optional_messages; and of a
-robot with servos on a bus."""
+robot with servos on a bus, and by policies of tasks that look at more."""
 
 EVERYTHING = {"recorder"}
 """Executables that hear all topics of their namespace, and those that all robots share."""
@@ -202,6 +206,7 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
     from softsim_ros.inverse.inverse_node import InverseControl
     from softsim_ros.inverse.path_follower_node import PathFollower
     from softsim_ros.observer.observer_node import ObserverNode
+    from softsim_ros.policy.policy_node import PolicyNode
     from softsim_ros.recording.recorder_node import Recorder
     from softsim_ros.simulator.simulator_node import Simulator
     from softsim_ros.teleop.teleop_node import Teleop
@@ -220,6 +225,8 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
         start("simulator", Simulator, robot=str(felt), backend="scipy", snapshot_folder=str(folder))
         start("inverse_controller", InverseControl)
         start("path_follower", PathFollower)
+        if find_spec("onnxruntime") is not None:
+            start("policy", PolicyNode, policy=str(POLICY))
         start("observer", ObserverNode, marker_places="-0.02 0.0 0.03")
         for measure in ("imu", "effector_pose"):
             start("closed_loop", ClosedLoop, measure=measure)

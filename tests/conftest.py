@@ -17,8 +17,12 @@ sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_sessio
 from node_processes import private_ros  # noqa: E402 (found by the line above)
 from reruns import RERUNS, Reruns  # noqa: E402
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What a program of the suite handles."""
+SIGNALS = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
+"""What a program of the suite handles, and what Python does about it by itself."""
 
 
 settings.register_profile("seeded", derandomize=True)
@@ -29,9 +33,26 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Reruns(RERUNS), "reruns")
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Tell what failed when it fails: a run that is ended at its time limit prints no summary."""
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
+        crash = getattr(report.longrepr, "reprcrash", None)
+        reason = (
+            crash.message.splitlines()[0][:200] if crash and crash.message else str(report.longrepr)[:200]
+        )
+        print(f"\n{report.when} of {report.nodeid} failed: {reason}", file=sys.__stderr__, flush=True)
+
+
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
     """A program that runs inside a test leaves neither its handlers of signals nor a request to end."""
+    for (
+        number,
+        usual,
+    ) in SIGNALS.items():  # a program that ended ignores them, and who starts in the background
+        if signal.getsignal(number) is signal.SIG_IGN:  # may; a process started here would ignore them, too
+            signal.signal(number, usual)
     before = {number: signal.getsignal(number) for number in SIGNALS}
     yield
     used = sys.modules.get("softsim_node.ending")  # tests of the core run without it

@@ -46,13 +46,20 @@ class Introductions:
 
     def wait(self, service: str) -> None:
         """Wait until the process that offers a service (its full name) has found this one."""
-        assert spin_until(lambda: self._offered_by(service)), f"no process is known to offer {service}"
-        strangers = self._offered_by(service) - self._met
-        if not strangers:
-            return
-        assert spin_until(lambda: self._questions(strangers)), f"nobody beside {service} can be asked"
-        self._ask(self._questions(strangers)[0])
-        self._met |= strangers
+        met = spin_until(lambda: self._all_met(service))
+        assert met, f"no process is known to offer {service}, or none that does can be asked"
+
+    def _all_met(self, service: str) -> bool:
+        """Whether all who offer a service now are met; strangers among them are asked first.
+
+        Who offers it may change in between: a process that was killed is known for seconds after its end.
+        """
+        offering = self._offered_by(service)
+        strangers = offering - self._met
+        if questions := self._questions(strangers):
+            self._ask(questions[0])
+            self._met |= strangers
+        return bool(offering) and offering <= self._met
 
     def _offered_by(self, service: str) -> set[bytes]:
         """Participants that offer a service, as far as all that is needed to meet them is known."""

@@ -13,6 +13,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,15 @@ domain_guards: list[int] = []
 """File descriptors of the ports that stand for the ROS domains of the running test."""
 
 
+@cache
+def compiled_kernels() -> None:
+    """Have robots run on compiled kernels from their start on, as all but the very first one do."""
+    from softsim_core.warmup import kernels_ready
+
+    if not kernels_ready():
+        subprocess.run([sys.executable, "-m", "softsim_core.warmup", "--small"], cwd=REPOSITORY, check=True)
+
+
 @contextmanager
 def private_ros(folder: Path) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`.
@@ -35,6 +45,7 @@ def private_ros(folder: Path) -> Iterator[int]:
     A bound port stands for the domain. Processes of the test inherit it: one that outlives a killed test run
     keeps its domain, and disturbs nobody.
     """
+    compiled_kernels()
     for _ in range(len(domains)):
         domain = domains[0]
         domains.rotate(-1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.mechanics.limits import JointLimits
+from softsim_core.mechanics.state import State
 from softsim_core.mesh import TetMesh, boundary, box_mesh
 from softsim_core.scene.control import CommandSettings, StartAnimation
 from softsim_core.scene.description import (
@@ -145,3 +146,26 @@ def comes_back_bit_for_bit(simulation: Simulation, steps: int = 5) -> bool:
             simulation.step()
         runs.append(simulation.snapshot())
     return runs[0] == runs[1] != saved
+
+
+QUANTITIES = (
+    "positions",
+    "velocities",
+    "frame_positions",
+    "frame_rotations",
+    "reduced_velocities",
+    "joint_positions",
+    "joint_efforts",
+    "base_positions",
+    "base_shift",
+)
+
+
+def assert_same(fast: State, readable: State, tolerance: float) -> None:
+    """Equal, relative to the largest entry of each quantity or 1e-3 of its unit."""
+    for quantity in QUANTITIES:
+        expected = getattr(readable, quantity)
+        scale = np.abs(expected).max(initial=1e-3)
+        np.testing.assert_allclose(
+            getattr(fast, quantity), expected, rtol=0, atol=tolerance * scale, err_msg=quantity
+        )

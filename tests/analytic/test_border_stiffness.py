@@ -26,6 +26,7 @@ def settled(simulation: Simulation, start: State, targets: np.ndarray) -> State:
 
 @pytest.mark.numba
 @pytest.mark.parametrize("targets", TARGETS)
+@pytest.mark.slow
 def test_it_is_the_derivative_of_settled_states(targets: np.ndarray) -> None:
     pytest.importorskip("numba")
     simulation = Simulation(load_scene("tripod"), "numba")

@@ -46,6 +46,7 @@ def test_a_force_gives_the_shape_of_the_travel_that_has_this_tension() -> None:
 
 @pytest.mark.parametrize("law", ["stable_neo_hookean", "corotational"])
 @pytest.mark.parametrize(("damping", "dt"), [(0.0, 0.002), (0.02, 0.002), (0.02, 0.01)])
+@pytest.mark.slow
 def test_a_bar_pressed_together_by_its_cable_comes_to_rest(law: str, damping: float, dt: float) -> None:
     """The cable's tension is above the load at which the bar alone would buckle, and damping takes energy."""
     scene = bent_bar(dt=dt)

@@ -65,6 +65,7 @@ def gmsh_file(path: Path, mesh: TetMesh, groups: dict[str, IndexArray], named: b
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("named", "name"), [(True, "hollow"), (False, "11")])
+@pytest.mark.slow
 def test_a_physical_group_is_the_chamber(tmp_path: Path, order: int, named: bool, name: str) -> None:
     """As all hollows of the body are, whichever way its triangles are turned."""
     mesh = hollow(order)
@@ -125,6 +126,7 @@ def at(points: Array, wanted: Array) -> IndexArray:
     ("control", "given", "fields"),
     [("pressure", 3e3, {}), ("volume", 1.5e-6, {}), ("volume", 3e-6, {"line_volume": 1e-6})],
 )
+@pytest.mark.slow
 def test_a_hollow_that_ends_at_a_plate_is_as_one_that_cells_close(
     order: int, control: str, given: float, fields: dict[str, Any]
 ) -> None:

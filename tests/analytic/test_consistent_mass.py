@@ -140,6 +140,7 @@ def test_frequencies_are_nearer_to_those_of_a_beam() -> None:
 @pytest.mark.numba
 @pytest.mark.parametrize("method", ["implicit_euler", "bossak"])
 @ORDERS
+@pytest.mark.slow
 def test_both_back_ends_move_alike(order: int, method: str) -> None:
     """Regions, joints of all kinds, springs and damping beside it."""
     pytest.importorskip("numba")

@@ -140,6 +140,7 @@ def test_a_box_over_a_plane(seed: int, gap: float) -> None:
 
 @examples
 @given(seeds, st.floats(0.0001, 0.005), st.booleans())
+@pytest.mark.slow
 def test_boxes_of_any_thickness_that_are_apart(seed: int, gap: float, alike: bool) -> None:
     """No contact reaches behind them, however thin: the least gap is the distance of the two boxes."""
     random = np.random.default_rng(seed)

@@ -14,13 +14,13 @@ from small_scenes import body, jittered, scene
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.statics import solve_static
-from softsim_core.fem.assembly import (
+from softsim_core.fem.assembly import von_mises_stress
+from softsim_core.fem.cells import (
     cauchy_stress,
     cell_energy,
     cell_forces,
     cell_stiffness,
     deformation_gradients,
-    von_mises_stress,
 )
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group

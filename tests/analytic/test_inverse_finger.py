@@ -10,6 +10,7 @@ from softsim_core.inverse.controller import InverseController
 
 
 @pytest.mark.parametrize("travel", [0.004, 0.012, 0.025])
+@pytest.mark.slow
 def test_the_tip_reaches_goals_that_the_cable_can_reach(travel: float) -> None:
     scene = load_scene("cable_finger")
     there = Simulation(scene)

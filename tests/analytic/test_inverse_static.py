@@ -74,14 +74,14 @@ def bar(**fields: object) -> SceneDescription:
         JointDescription(name=name, kind="prismatic", axis=(1.0, 0.0, 0.0), limits=JointLimits(-0.02, 0.02))
         for name in ("left", "right")
     ]
-    zones = (
+    regions = (
         slab("left_end", "left", 0.0),
         slab("right_end", "right", 0.08),
         slab("middle", "free", 0.04),
     )
     return scene(
         body(box_mesh((0.08, 0.01, 0.01), (8, 1, 1), (0.0, -0.005, -0.005), "bar")),
-        joints=tuple(slides), attachments=zones, effector="middle", gravity=(0.0, 0.0, 0.0), **fields,
+        joints=tuple(slides), attachments=regions, effector="middle", gravity=(0.0, 0.0, 0.0), **fields,
     )  # fmt: skip
 
 

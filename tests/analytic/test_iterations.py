@@ -110,6 +110,7 @@ def end_of_nonlinear_step(simulation: Simulation, load: float) -> Array:
         ("on_paper", 0.02, 3e-4),
     ],
 )
+@pytest.mark.slow
 def test_many_iterations_reach_the_nonlinear_step(
     element: str, load: float, damping: float, backend: str
 ) -> None:
@@ -211,6 +212,7 @@ def test_one_iteration_is_the_bare_step(backend: str) -> None:
 
 @pytest.mark.numba
 @pytest.mark.parametrize("method", ["implicit_euler", "bossak"])
+@pytest.mark.slow
 def test_back_ends_iterate_alike_with_joints_frames_and_springs(method: str) -> None:
     pytest.importorskip("numba")
     described = iterated(machine(), 8)
@@ -237,6 +239,7 @@ def test_a_drive_with_inertia_and_a_lead_feel_all_of_it(backend: str) -> None:
     np.testing.assert_allclose(ends[1], ends[0], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_contacts_hold_in_each_iteration(backend: str) -> None:
     """A soft block and a ball on it: pressed down, the floor is not passed, and all lies still at last."""
     block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (-0.015, -0.015, 0.002)), young_modulus=1e4)

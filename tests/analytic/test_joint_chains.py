@@ -87,6 +87,7 @@ def test_the_paddle_carries_the_ball(backend: Backend) -> None:
     assert ball[2] - paddle[2] == pytest.approx(0.0075, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_both_implementations_agree() -> None:
     pytest.importorskip("numba")
     fast, readable = run("numba"), run("scipy")

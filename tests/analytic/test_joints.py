@@ -27,12 +27,12 @@ def arm(angle: float, stiffness: float | None, young_modulus: float = 1e9) -> Sc
     """A block along x on a hinge at the origin, built at `angle`; mass spread over its nodes evenly."""
     mesh = box_mesh((LENGTH, 0.02, 0.02), (5, 1, 1), (0.0, -0.01, -0.01))
     turned = replace(mesh, points=mesh.points @ rotation_exp(angle * np.array(AXIS)).T)
-    # the zone is chosen in the hinge's base frame, which is turned with the block
+    # the region is chosen in the hinge's base frame, which is turned with the block
     base = Placement(rotation_deg=(0.0, -np.degrees(angle), 0.0))
     hinge = JointDescription(name="hinge", base=base, axis=AXIS, stiffness=stiffness, inertia=1e-6)
-    zone = slab("root", "hinge", 0.0, relative_to="hinge")
+    region = slab("root", "hinge", 0.0, relative_to="hinge")
     block = body(turned, young_modulus=young_modulus, total_mass=MASS)
-    return scene(block, joints=(hinge,), attachments=(zone,), rayleigh_stiffness=1e-3, rayleigh_mass=5.0)
+    return scene(block, joints=(hinge,), attachments=(region,), rayleigh_stiffness=1e-3, rayleigh_mass=5.0)
 
 
 def settled(sim: Simulation, steps: int = 2000) -> Simulation:
@@ -110,7 +110,7 @@ def test_prescribed_and_stiff_compliant_servos_hold_the_same_on_the_tripod() -> 
     np.testing.assert_allclose(efforts[1], efforts[0], rtol=1e-3, atol=1e-5)
 
 
-def test_base_shift_carries_the_zone_along(backend: Backend) -> None:
+def test_base_shift_carries_the_region_along(backend: Backend) -> None:
     sim = settled(Simulation(arm(0.0, None), backend=backend))
     before, effort = sim.positions, sim.joint_efforts
     sim.base_shift = 0.03

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import SceneError
 from softsim_core.inverse.tilts import tilt_rotation
 from softsim_core.mechanics.pose import rotation_of
-from softsim_core.scene.description import AttachmentDescription, JointDescription
-from softsim_core.values import Box
+from softsim_core.scene.description import JointDescription
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143
@@ -72,17 +70,3 @@ def test_an_arm_on_a_hinge_swings_round_it() -> None:
     np.testing.assert_allclose(simulation.frames()["elbow"].position, [0.0, 0.1, 0.0], atol=1e-12)
     axis = simulation.model.motion_subspace(simulation._state).angular[1]
     np.testing.assert_allclose(axis, [-1.0, 0.0, 0.0], atol=1e-12)
-
-
-def test_a_hinged_joint_carries_no_silicone() -> None:
-    robot = load_scene("tripod")
-    base = JointDescription(name="turntable", axis=(0.0, 0.0, 1.0))
-    servo = replace(robot.joints[0], parent="turntable")
-    box = Box(center=(0.0, 0.0, 0.03), size=(0.01, 0.01, 0.01))
-    with pytest.raises(SceneError, match="attachment target servo_0 is carried by a revolute joint, so"):
-        replace(
-            robot.scene,
-            joints=(base, servo),
-            attachments=(AttachmentDescription(name="tip", body="silicone", to="servo_0", box=box),),
-            effector=None,
-        )

@@ -11,7 +11,7 @@ from small_scenes import GRAVITY, body, jittered, scene, slab
 
 from softsim_core.arrays import Array
 from softsim_core.dynamics.backends import Backend, make_stepper
-from softsim_core.fem.assembly import cell_energy
+from softsim_core.fem.cells import cell_energy
 from softsim_core.mechanics.control import Control, Parameters
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
@@ -69,7 +69,7 @@ def test_free_fall(law: str, damping: float, backend: Backend) -> None:
 
 
 def test_free_fall_of_a_body_with_a_free_frame(backend: Backend) -> None:
-    """A rigid zone weighs what its nodes weigh."""
+    """A rigid region weighs what its nodes weigh."""
     built = block("polar", attachments=(slab("frame", "free", 0.0),))
     model, state = built.model, built.model.rest_state()
     stepper = make_stepper(model, backend)

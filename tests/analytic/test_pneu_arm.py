@@ -72,6 +72,8 @@ def tip_with(volumes: tuple[float, ...]) -> np.ndarray:
     return pose.position
 
 
+@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_chambers_bend_it_away_from_them_and_alike() -> None:
     turn = rotation_exp(np.array([0.0, 0.0, 2.0 * np.pi / 3.0]))
     first, second = tip_with((6e-6, 0.0, 0.0)), tip_with((0.0, 6e-6, 0.0))

@@ -52,6 +52,7 @@ def bend(simulation: Simulation) -> float:
     return float(np.arctan2(-rotation[2, 0], rotation[0, 0]))
 
 
+@pytest.mark.slow
 def test_air_bends_it_towards_the_paper_and_paper_and_thread_do_not_stretch() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -115,6 +116,7 @@ def random_days(steps: int, seed: int) -> int:
     return touched
 
 
+@pytest.mark.slow
 def test_random_volumes_in_contact_do_not_break_soft_rubber() -> None:
     assert random_days(120, 4) > 3
 

@@ -12,7 +12,7 @@ from small_scenes import comes_back_bit_for_bit, scene, slab
 from softsim_core import Simulation
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
-from softsim_core.fem.assembly import cell_forces
+from softsim_core.fem.cells import cell_forces
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.materials import material

@@ -38,6 +38,7 @@ def pressures(simulation: Simulation, steps: int) -> Any:
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("exponent", [1.0, 1.4])
 @pytest.mark.parametrize("pumped", [5e-6, -4e-6])
+@pytest.mark.slow
 def test_air_in_a_rigid_hollow_keeps_p_v_k(exponent: float, pumped: float, backend: str) -> None:
     simulation = Simulation(stiff(exponent=exponent, backend=backend))
     closed = ATMOSPHERE * ((1.0 + pumped / (HOLLOW + HOSE)) ** exponent - 1.0)
@@ -47,6 +48,7 @@ def test_air_in_a_rigid_hollow_keeps_p_v_k(exponent: float, pumped: float, backe
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.001])
+@pytest.mark.slow
 def test_a_leak_lets_the_pressure_fade(dt: float) -> None:
     """As exp(-L P0 t / V); steps are of first order."""
     leak, total = 4e-10, HOLLOW + HOSE
@@ -62,6 +64,7 @@ def test_a_leak_lets_the_pressure_fade(dt: float) -> None:
 
 
 @pytest.mark.parametrize("control", ["volume", "pressure"])
+@pytest.mark.slow
 def test_a_pump_fills_no_quicker_than_it_can(control: str) -> None:
     """The pressure of a rigid hollow rises by P0 F / V each second, up to the command, and falls likewise."""
     flow, dt = 2e-5, 0.001
@@ -76,6 +79,7 @@ def test_a_pump_fills_no_quicker_than_it_can(control: str) -> None:
         assert np.abs(pressures(simulation, 140) - ramp).max() < 0.002 * top
 
 
+@pytest.mark.slow
 def test_a_regulator_that_leaks_holds_what_its_flow_can() -> None:
     simulation = Simulation(stiff("pressure", flow_limit=1e-5, leak=1e-9))
     simulation.command([2e4])
@@ -84,6 +88,7 @@ def test_a_regulator_that_leaks_holds_what_its_flow_can() -> None:
     assert simulation.equilibrium([5e3]).state.joint_efforts[0] == pytest.approx(5e3, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_air_let_out_at_the_largest_pressure_is_gone() -> None:
     """A relief valve at 20 kPa; then the pump takes back all that it has pushed in: less than at first."""
     simulation, total = Simulation(stiff(max_pressure=2e4)), HOLLOW + HOSE
@@ -126,6 +131,7 @@ def test_rest_does_not_depend_on_the_step(kind: str) -> None:
 
 @pytest.mark.numba
 @pytest.mark.parametrize("kind", LINES)
+@pytest.mark.slow
 def test_both_implementations_agree(kind: str) -> None:
     pytest.importorskip("numba")
     fast, readable = (
@@ -186,6 +192,7 @@ def air_balloon(line_volume: float) -> tuple[Simulation, float]:
     return Simulation(described), 4.0 / 3.0 * np.pi * inner**3
 
 
+@pytest.mark.slow
 def test_a_balloon_on_a_stiff_line_passes_its_largest_pressure() -> None:
     """Against its closed curve, see test_chambers, and the air's own law at every step."""
     simulation, volume = air_balloon(0.0)

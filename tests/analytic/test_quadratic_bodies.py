@@ -69,6 +69,7 @@ def test_the_shipped_beam_sags_so() -> None:
     assert moved[tip, 2].mean() == pytest.approx(-6.805e-3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_torsion_does_not_lock() -> None:
     """The tip turned by 60 degrees; the moment of the finest mesh is 106.8 N mm, linear cells say 200."""
     turned = JointDescription(

@@ -44,6 +44,7 @@ def resting_places(robot: RobotDescription, commands: tuple[tuple[float, ...], .
         ("cable_finger_quadratic", "finger_low", "cable_finger", PULLS, 2.0e-3),
     ],
 )
+@pytest.mark.slow
 def test_few_quadratic_cells_rest_where_many_do(
     name: str, finer: str, linear: str, commands: tuple[tuple[float, ...], ...], near: float
 ) -> None:
@@ -56,6 +57,7 @@ def test_few_quadratic_cells_rest_where_many_do(
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
+@pytest.mark.slow
 def test_the_pulled_finger_comes_to_rest(dt: float) -> None:
     robot = load_scene("cable_finger_quadratic")
     robot = replace(robot, scene=replace(robot.scene, dt=dt))
@@ -68,6 +70,7 @@ def test_the_pulled_finger_comes_to_rest(dt: float) -> None:
     assert np.linalg.norm(simulation.effector_pose.position - rest) < 2e-4
 
 
+@pytest.mark.slow
 def test_the_gripper_lifts_the_cube_and_puts_it_down() -> None:
     """Commands as a grasp sends them: lower, close, lift, hold, put down, open."""
     simulation = Simulation(load_scene("cable_gripper_quadratic"))
@@ -87,6 +90,7 @@ def test_the_gripper_lifts_the_cube_and_puts_it_down() -> None:
     assert at[899][2] - at[100][2] < 1e-3
 
 
+@pytest.mark.slow
 def test_inverse_control_leads_the_tripod_to_a_goal() -> None:
     pytest.importorskip("daqp")
     robot = load_scene("tripod_quadratic")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softsim_core.errors import MaterialError, SceneError
-from softsim_core.fem.assembly import cell_energy, cell_forces, cell_stiffness
+from softsim_core.fem.cells import cell_energy, cell_forces, cell_stiffness
 from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh.generators import box_mesh
@@ -219,7 +219,8 @@ def test_their_parameters_are_tuned_by_name() -> None:
     simulation.restore(kept)
     assert simulation.parameters.materials[2] == {"stiffness": 3e5}
     with pytest.raises(
-        SceneError, match=r"unknown body 'bar.cloth'; known bodies: bar, bar.paper, bar.thread"
+        SceneError,
+        match=r"unknown body 'bar.cloth'; did you mean bar.thread\? known bodies: bar, bar.paper",
     ):
         simulation.set_material("bar.cloth", stiffness=1.0)
     with pytest.raises(MaterialError, match="stiffness"):

@@ -80,6 +80,7 @@ def assert_rests(simulation: Simulation, goal: Array) -> None:
 
 
 @pytest.mark.parametrize("case", FIRST, ids=str)
+@pytest.mark.slow
 def test_it_rests_in_its_equilibrium(case: tuple[Any, ...]) -> None:
     assert_rests(*left_alone(*case))
 

@@ -117,6 +117,7 @@ def test_a_symmetric_top_precesses_about_its_momentum() -> None:
     assert state.rigid_rotations[0][:, 2] == pytest.approx(turned, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_a_body_spun_about_its_middle_axis_flips() -> None:
     """Dzhanibekov: the axis turns over again and again; about the outer axes it stays."""
     inertia = np.diag([1.0, 2.0, 3.0])

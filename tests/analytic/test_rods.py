@@ -12,15 +12,17 @@ from scipy.integrate import solve_bvp
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
 
+from softsim_core.actuation.cable.description import CableDescription
 from softsim_core.arrays import Array
 from softsim_core.dynamics.assembly import Unknowns, node_stiffness
-from softsim_core.fem.assembly import cell_energy, cell_forces, cell_stiffness
+from softsim_core.fem.cells import cell_energy, cell_forces, cell_stiffness
 from softsim_core.fem.rods import RodGroup
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import box_mesh, quadratic
 from softsim_core.scene.description import (
     AttachmentDescription,
     BodyDescription,
+    JointDescription,
     SceneDescription,
 )
 from softsim_core.scene.material import MaterialDescription
@@ -30,6 +32,7 @@ from softsim_core.scene.rod import (
     RodDescription,
     RodSectionDescription,
 )
+from softsim_core.scene.rod_builder import SHEAR_SHARE
 from softsim_core.simulation.simulation import Simulation
 from softsim_core.values import Sphere, Vector
 
@@ -200,12 +203,7 @@ def test_it_converges_to_the_elastica_with_third_order_or_better() -> None:
     assert errors[-1] < 1e-4 * LENGTH
 
 
-@pytest.mark.parametrize(
-    ("force", "expected"),
-    [(300.0, (22.33, 58.84, 40.08)), (450.0, (18.62, 52.32, 48.39)), (600.0, (15.79, 47.23, 53.37))],
-)
-def test_bend_of_45_degrees_leaves_its_plane(force: float, expected: Vector) -> None:
-    """Bathe and Bolourchi 1979; numbers of Simo and Vu-Quoc 1986, with eight straight elements."""
+def bend_of_45_degrees(elements: int = 10) -> Simulation:
     angles = np.radians(np.linspace(0.0, 45.0, 9))
     arc = np.column_stack([100.0 * (1.0 - np.cos(angles)), 100.0 * np.sin(angles), np.zeros(9)])
     described = RodDescription(
@@ -213,10 +211,26 @@ def test_bend_of_45_degrees_leaves_its_plane(force: float, expected: Vector) -> 
         start_direction=(0.0, 1.0, 0.0),
         end_direction=(math.sqrt(0.5), math.sqrt(0.5), 0.0),
         section=RodSectionDescription(shape="rectangle", size=(1.0, 1.0)),
+        elements=elements,
     )
     theirs = {"shear_factor": 6.0 / 5.0, "twist_factor": (1.0 / 6.0) / 0.1406}  # whole area, polar moment
-    bend = cantilever(described, young_modulus=1e7, poisson_ratio=0.0, **theirs)
-    assert tip(bend, (0.0, 0.0, force)) == pytest.approx(expected, abs=0.2)
+    return cantilever(described, young_modulus=1e7, poisson_ratio=0.0, **theirs)
+
+
+def test_bent_out_of_its_plane_it_converges_with_third_order_or_better() -> None:
+    places = [tip(bend_of_45_degrees(n), (0.0, 0.0, 600.0)) for n in (2, 4, 8, 32)]
+    errors = [np.linalg.norm(place - places[-1]) for place in places[:-1]]
+    assert min(math.log2(coarse / finer) for coarse, finer in pairwise(errors)) > 3.0
+    assert errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("force", "expected"),
+    [(300.0, (22.33, 58.84, 40.08)), (450.0, (18.62, 52.32, 48.39)), (600.0, (15.79, 47.23, 53.37))],
+)
+def test_bend_of_45_degrees_leaves_its_plane(force: float, expected: Vector) -> None:
+    """Bathe and Bolourchi 1979; numbers of Simo and Vu-Quoc 1986, with eight straight elements."""
+    assert tip(bend_of_45_degrees(), (0.0, 0.0, force)) == pytest.approx(expected, abs=0.2)
 
 
 def unloaded(curvature: Vector) -> Array:
@@ -227,6 +241,7 @@ def unloaded(curvature: Vector) -> Array:
     return np.asarray(curled.equilibrium().state.positions.reshape(-1, 3, 3).mean(axis=1))
 
 
+@pytest.mark.slow
 def test_natural_curvature_makes_a_circle() -> None:
     places = unloaded((2.0 * math.pi / LENGTH, 0.0, 0.0))
     assert np.linalg.norm(places[-1] - places[0]) < 2e-3 * LENGTH
@@ -234,6 +249,7 @@ def test_natural_curvature_makes_a_circle() -> None:
     assert np.abs(places[:, 1]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_statics_straighten_what_is_drawn_as_a_quarter_of_a_circle() -> None:
     angles = np.linspace(0.0, 0.5 * math.pi, 6)
     arc = 0.6 * LENGTH * np.column_stack([np.sin(angles), 0.0 * angles, np.cos(angles) - 1.0])
@@ -248,6 +264,7 @@ def test_statics_straighten_what_is_drawn_as_a_quarter_of_a_circle() -> None:
 
 
 @pytest.mark.parametrize(("curve", "twist"), [(25.0, 18.0), (10.0, -30.0)])
+@pytest.mark.slow
 def test_natural_curvature_and_twist_make_a_helix(curve: float, twist: float) -> None:
     places = unloaded((curve, 0.0, twist))
     total = math.hypot(curve, twist)
@@ -321,6 +338,42 @@ def test_layers_bend_when_they_are_pulled() -> None:
     assert shift[0] == pytest.approx(strain * LENGTH, rel=1e-3)
     # a fibre at z is stretched by strain + z curvature, so a positive curvature bends it down
     assert shift[2] == pytest.approx(-0.5 * curvature * LENGTH**2, rel=1e-3)
+
+
+def test_a_taper_bends_as_its_closed_form() -> None:
+    """Round, its diameter from a to b: 64 F L^3 / (3 pi E a^3 b), and by shear 4 F L / (k G pi a b)."""
+    root, end, force = 0.008, 0.004, 1e-5
+    section = RodSectionDescription(shape="ellipse", size=(root, root), end_size=(end, end))
+    moved_by = tip(cantilever(rod(section=section, elements=8)), (0.0, 0.0, force))[2]
+    bending = 64.0 * force * LENGTH**3 / (3.0 * math.pi * YOUNG * root**3 * end)
+    shearing = 4.0 * force * LENGTH / (SHEAR_SHARE["ellipse"] * SHEAR * math.pi * root * end)
+    assert moved_by == pytest.approx(bending + shearing, rel=1e-4)
+
+
+@pytest.mark.parametrize(("beside", "turn"), [(0.0015, 0.5), (0.004, 1.5), (0.01, 3.0)])
+@pytest.mark.slow
+def test_a_tendon_along_a_rod_bends_it_into_a_circle(beside: float, turn: float) -> None:
+    """In it or beside it: the moment T d everywhere turns its end by T d L / EI, and T presses it."""
+    routing = tuple((x, 0.0, beside) for x in np.linspace(0.0, LENGTH, 41).tolist())
+    tendon = CableDescription(body="rod", points=routing)
+    simulation = Simulation(
+        SceneDescription(
+            name="rod",
+            gravity=(0.0, 0.0, 0.0),
+            bodies=(body(rod(elements=20)),),
+            attachments=(AttachmentDescription(name="clamp", body="rod", to="world", end="start"),),
+            joints=(JointDescription(name="tendon", kind="cable", actuator=tendon),),
+        ),
+        backend="scipy",
+    )
+    tension = turn * BEND / (LENGTH * beside)
+    pressed = tension / (YOUNG * AREA)
+    found = simulation.equilibrium([turn * beside + pressed * LENGTH]).state
+    radius = LENGTH * (1.0 - pressed) / turn
+    circle = radius * np.array([math.sin(turn), 0.0, 1.0 - math.cos(turn)])
+    # between its 41 guides the tendon is straight, and somewhat farther from the rod
+    assert found.joint_efforts[0] == pytest.approx(tension, rel=0.01)
+    assert np.linalg.norm(found.positions[-3:].mean(axis=0) - circle) < 3e-3 * LENGTH
 
 
 def test_a_compliant_clamp_adds_its_turn() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from softsim_core.actuation.cable.description import CableDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import MaterialError, MeshError, SceneError
+from softsim_core.identification.ringing import ringing
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import (
@@ -106,6 +108,7 @@ def test_both_implementations_agree(integration: str) -> None:
     assert fast.von_mises() == pytest.approx(readable.von_mises(), rel=1e-6, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_it_comes_to_rest_at_the_equilibrium() -> None:
     simulation = Simulation(
         replace(two_arms(), solver=SolverSettings(rayleigh_stiffness=0.02)), backend="scipy"
@@ -137,7 +140,7 @@ def test_what_hangs_on_one_frame_moves_as_one() -> None:
 
 def energies(simulation: Simulation) -> tuple[float, float]:
     """Kinetic and elastic energy in [J]."""
-    from softsim_core.fem.assembly import cell_energy
+    from softsim_core.fem.cells import cell_energy
 
     model = simulation.model
     kinetic = 0.5 * float((model.mass[:, None] * simulation.velocities**2).sum())
@@ -145,6 +148,81 @@ def energies(simulation: Simulation) -> tuple[float, float]:
     return kinetic, float(
         cell_energy(group, simulation.positions, group.values(simulation.parameters.materials)).sum()
     )
+
+
+def damped(body: BodyDescription, seconds: float) -> BodyDescription:
+    return replace(body, material=MaterialDescription(law="rod", **{**MATERIAL.values, "damping": seconds}))
+
+
+@pytest.mark.parametrize("integration", ["implicit_euler", "bossak"])
+@pytest.mark.slow
+def test_both_implementations_damp_rods_alike(integration: str) -> None:
+    """Each rod with damping of its own, beside that of the scene, and where steps are iterated."""
+    settings = SolverSettings(time_integration=integration, rayleigh_stiffness=0.01)  # type: ignore[arg-type]
+    plain = replace(two_arms(), solver=settings)
+    left, right, block = plain.bodies
+    scene = replace(plain, bodies=(damped(left, 0.03), damped(right, 0.2), block))
+    fast, readable, undamped = (
+        Simulation(each, backend=backend)
+        for each, backend in ((scene, "numba"), (scene, "scipy"), (plain, "scipy"))
+    )
+    for simulation in (fast, readable, undamped):
+        for command in ([0.3, 0.002, 0.001], [0.1, 0.004, 0.0]):
+            simulation.command(command)
+            for _ in range(6):
+                simulation.step()
+    assert np.abs(fast.positions - readable.positions).max() < 1e-9
+    assert np.abs(undamped.positions - readable.positions).max() > 1e-4
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+@pytest.mark.slow
+def test_a_rod_rings_down_with_its_own_damping(iterations: int) -> None:
+    """Two cantilevers in one scene: the damping ratio is c w / 2 of the one, and nothing of the other."""
+    settings = SolverSettings(time_integration="bossak", spectral_radius=1.0, iterations=iterations)
+    rods = (
+        damped(rod("damped", (0.0, 0.0, 0.0), (0.05, 0.0, 0.0), elements=4), 0.0015),
+        rod("other", (0.0, 0.1, 0.0), (0.05, 0.1, 0.0), elements=4),
+    )
+    clamps = tuple(
+        AttachmentDescription(name=f"clamp_{each.name}", body=each.name, to="world", end="start")
+        for each in rods
+    )
+    scene = SceneDescription(
+        name="two", dt=1e-3, gravity=(0.0, 0.0, 0.0), solver=settings, bodies=rods, attachments=clamps
+    )
+    simulation = Simulation(scene, backend="scipy")
+    ends = [len(simulation.positions) // 2 - 1, len(simulation.positions) - 1]
+    simulation.forces[ends] = (0.0, 0.0, 3e-3)
+    simulation.settle([])
+    simulation.forces[ends] = 0.0
+    places = []
+    for _ in range(400):
+        simulation.step()
+        places.append(simulation.positions[ends])
+    own, other = (ringing(1e-3 * np.arange(400), each) for each in np.swapaxes(places, 0, 1))
+    assert own is not None
+    assert other is not None
+    assert own.damping == pytest.approx(0.0015 * math.pi * other.frequency, rel=0.03)
+    assert other.damping == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_damping_of_its_own_takes_no_turning_for_a_strain() -> None:
+    """Free in space, turning at 4 rounds per second: once it is stretched, much damping hardly slows it."""
+    body = damped(rod("rod", (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), elements=4), 0.05)
+    settings = SolverSettings(time_integration="bossak")
+    scene = SceneDescription(
+        name="spinning", dt=1e-3, gravity=(0.0, 0.0, 0.0), solver=settings, bodies=(body,)
+    )
+    simulation = Simulation(scene, backend="scipy")
+    simulation.set_body_velocity("rod", angular_velocity=(0.0, 0.0, 8.0 * math.pi))
+    turning = []
+    for _ in range(2):
+        for _ in range(200):
+            simulation.step()
+        turning.append(energies(simulation)[0])
+    assert turning[1] == pytest.approx(turning[0], rel=2e-3)
 
 
 @pytest.mark.slow
@@ -171,6 +249,7 @@ def test_a_spinning_rod_keeps_its_energy() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
 def test_it_falls_on_a_table_and_lies_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
     way = rng.standard_normal(3)
@@ -202,6 +281,46 @@ def test_it_falls_on_a_table_and_lies_there(seed: int) -> None:
     centres = simulation.positions.reshape(-1, 3, 3).mean(axis=1)
     assert centres[:, 2] == pytest.approx(np.full(len(centres), 0.003 + gap), abs=2e-4)
     assert np.linalg.norm(simulation.velocities, axis=1).max() < 0.05
+
+
+@pytest.mark.parametrize(("speed", "thick", "steps"), [(0.0, 0.006, 16), (20.0, 0.002, 4)])
+@pytest.mark.slow
+def test_crossing_rods_keep_apart_however_fast(speed: float, thick: float, steps: int) -> None:
+    """As capsules would: their axes come no nearer than their thickness; at 20 m/s a step is 50 of these."""
+    section = RodSectionDescription(shape="ellipse", size=(thick, thick))
+    way = np.array([0.02, 0.045, 0.006])
+    over = np.array([0.004, 0.0, 0.03])
+    ends = ((-0.05, 0.0, 0.0), (0.05, 0.0, 0.0))
+    thrown = rod("thrown", tuple(over - way), tuple(over + way), section=section, elements=4)
+    scene = SceneDescription(
+        name="crossing",
+        dt=0.005,
+        solver=SolverSettings(rayleigh_stiffness=0.005),
+        bodies=(rod("held", *ends, section=section, elements=4), thrown),
+        attachments=tuple(
+            AttachmentDescription(name=end, body="held", to="world", end=end) for end in ("start", "end")
+        ),
+        collisions=tuple(CollisionDescription(name=name, body=name) for name in ("held", "thrown")),
+    )
+    simulation = Simulation(scene, backend="numba")
+    simulation.set_body_velocity("thrown", (0.0, 0.0, -speed))
+    nearest, touched = math.inf, False
+    for _ in range(steps):
+        simulation.step()
+        held, other = np.split(simulation.positions.reshape(-1, 3, 3).mean(axis=1), 2)
+        nearest = min(nearest, float(np.linalg.norm(along(held)[:, None] - along(other), axis=2).min()))
+        touched = touched or bool(simulation.contacts.forces.any())
+        for one, next_one in pairwise(along(other)):
+            if one[1] * next_one[1] < 0.0:  # where it crosses, it is above
+                assert one[2] > np.interp(one[0], held[:, 0], held[:, 2])
+    assert touched
+    assert nearest > thick
+
+
+def along(centres: Array) -> Array:
+    """Points of the line through the centres of sections, 20 between two of them."""
+    at = np.linspace(0.0, len(centres) - 1.0, 20 * (len(centres) - 1) + 1)
+    return np.column_stack([np.interp(at, np.arange(len(centres)), each) for each in centres.T])
 
 
 def test_a_scene_file_holds_rods(tmp_path: Path) -> None:
@@ -301,6 +420,7 @@ def test_added_masses_and_regions_take_whole_sections() -> None:
     assert loaded - plain == pytest.approx(np.repeat([0.0, 0.1], [len(plain) - 3, 3]))
 
 
+@pytest.mark.slow
 def test_its_surface_follows_it() -> None:
     simulation = Simulation(two_arms(), backend="scipy")
     rest = simulation.visual_points()
@@ -316,6 +436,7 @@ def farthest(one: Array, other: Array) -> float:
     return float(np.abs(one - other).max())
 
 
+@pytest.mark.slow
 def test_live_tuning_of_its_material() -> None:
     simulation = Simulation(two_arms(), backend="scipy")
     before = simulation.equilibrium([0.3, 0.0, 0.0]).state.positions

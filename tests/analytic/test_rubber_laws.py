@@ -206,14 +206,14 @@ def test_inverse_control_finds_how_a_bar_of_rubber_was_pulled(name: str) -> None
         JointDescription(name=each, kind="prismatic", axis=(1.0, 0.0, 0.0), limits=JointLimits(-0.03, 0.03))
         for each in ("left", "right")
     ]
-    zones = (slab("left_end", "left", 0.0), slab("right_end", "right", 0.08), slab("middle", "free", 0.04))
+    regions = (slab("left_end", "left", 0.0), slab("right_end", "right", 0.08), slab("middle", "free", 0.04))
     bar = body(box_mesh((0.08, 0.01, 0.01), (8, 1, 1), (0.0, -0.005, -0.005)))
     made_of = MaterialDescription(law=name, poisson_ratio=0.4, **CONSTANTS[name])
     simulation = Simulation(
         scene(
             replace(bar, material=made_of),
             joints=tuple(slides),
-            attachments=zones,
+            attachments=regions,
             effector="middle",
             gravity=(0.0, 0.0, 0.0),
         ),

@@ -57,6 +57,7 @@ def array(turn: float, rows: int, columns: int) -> TactileArrayDescription:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_a_resting_weight_on_a_tilted_array(seed: int) -> None:
     """Sum of pressure times area: the weight across the pad; their centre: below the cube's centre."""
     rng = np.random.default_rng(seed)
@@ -82,6 +83,7 @@ def test_a_resting_weight_on_a_tilted_array(seed: int) -> None:
     np.testing.assert_allclose(centre, axes.inv().apply(below)[:2], atol=5e-4)
 
 
+@pytest.mark.slow
 def test_wrenches_of_a_stack_are_the_weights_above() -> None:
     gravity = downhill(0.1, 0.7)
     masses, weights = (0.1, 0.04), [mass * np.array(gravity) for mass in (0.1, 0.04)]
@@ -111,6 +113,7 @@ def test_wrenches_of_a_stack_are_the_weights_above() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.slow
 def test_a_rigid_plate_feels_where_a_soft_foot_stands(seed: int) -> None:
     """Two triangles carry the whole face: the force is felt below the foot, nowhere else."""
     rng = np.random.default_rng(seed)

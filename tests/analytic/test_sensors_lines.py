@@ -88,6 +88,7 @@ def test_a_chamber_s_volume_and_pressure() -> None:
     assert volumes[1] > 1.001 * volumes[0]
 
 
+@pytest.mark.slow
 def test_markers_are_seen_with_a_camera_s_noise_and_gaps() -> None:
     """Across the line of sight and along it noise has its own size, and each marker its own gaps."""
     mesh = box_mesh((0.1, 0.01, 0.01), (5, 1, 1))

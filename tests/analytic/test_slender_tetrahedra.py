@@ -57,6 +57,7 @@ CELLS = [("tet4", "corotational"), ("tet10", "stable_neo_hookean"), (None, "rod"
 
 
 @pytest.mark.parametrize(("cell", "law"), CELLS)
+@pytest.mark.slow
 def test_it_begins_as_it_is_drawn_and_is_straight_without_load(cell: str | None, law: str) -> None:
     simulation = held(strip(cell, law=law))
     end = simulation.bodies[0].ends

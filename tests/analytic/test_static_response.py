@@ -25,6 +25,7 @@ def _watched(simulation: Simulation) -> tuple[IndexArray, Array]:
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.slow
 def test_the_response_is_the_derivative_of_the_equilibrium(name: str) -> None:
     joints, step, shift = SCENES[name]
     simulation = Simulation(load_scene(name).robot_alone())

@@ -128,6 +128,7 @@ def test_statics_from_a_crumpled_start() -> None:
     assert found > 0
 
 
+@pytest.mark.slow
 def test_a_free_body_under_gravity_has_no_rest() -> None:
     built = build(scene(body(box_mesh((0.02, 0.01, 0.01), (2, 1, 1)))))
     with pytest.raises(NotConvergedError, match="no static equilibrium found") as caught:
@@ -180,6 +181,7 @@ def test_soft_fixings_of_any_stiffness(stiffness: float) -> None:
     "start",
     ["mirrored", "mirrored along x", "flat", "a point", "crumpled", "huge", "endless", "not a number"],
 )
+@pytest.mark.slow
 def test_a_start_that_is_no_shape_ends_in_a_sentence_or_at_rest(law: str, start: str) -> None:
     mesh = box_mesh((0.04, 0.02, 0.02), (2, 1, 1))
     built = build(scene(body(mesh), law=law, attachments=(slab("wall", "world", 0.0),)))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import FLOOR, loose, touching
+from contact_scenes import DISTANCE, FLOOR, GRAVITY, downhill, loose, touching
 from small_scenes import body, comes_back_bit_for_bit, machine, scene, slab
 
 from softsim_core import Simulation
@@ -24,6 +24,7 @@ from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.builder import build
 from softsim_core.scene.description import SceneDescription, SolverSettings
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.values import Placement
 
 SMOOTH = "bossak"
 
@@ -61,6 +62,7 @@ def places(state: State) -> Array:
 
 
 @pytest.mark.numba
+@pytest.mark.slow
 def test_both_back_ends_swing_alike() -> None:
     pytest.importorskip("numba")
     fast, readable = swung(SMOOTH, 40, "numba"), swung(SMOOTH, 40, "scipy")
@@ -93,6 +95,7 @@ def swings(description: SceneDescription, duration_s: float = 1.5) -> tuple[floa
     return float(frequency), float(np.log(sizes[0] / sizes[-1]) / (np.pi * (len(sizes) - 1)))
 
 
+@pytest.mark.slow
 def test_a_beam_rings_as_long_as_its_damping_lets_it() -> None:
     """In steps of 10 ms; implicit Euler adds 0.2 to the damping ratio."""
     frequency, _ = swings(beam(SMOOTH, 0.001))
@@ -122,6 +125,7 @@ def test_errors_fall_with_the_order_of_the_method(method: str, least: float, mos
     assert least < coarse / finer < most
 
 
+@pytest.mark.slow
 def test_a_radius_of_0_damps_high_frequencies_most() -> None:
     kept = [swings(beam(SMOOTH, 0.01, spectral_radius=radius))[1] for radius in (1.0, 0.8, 0.5, 0.0)]
     assert kept == sorted(kept)
@@ -135,6 +139,7 @@ def test_a_snapshot_brings_the_swing_back_bit_for_bit() -> None:
     assert comes_back_bit_for_bit(simulation)
 
 
+@pytest.mark.slow
 def test_it_rests_where_implicit_euler_does() -> None:
     ends = []
     for method in (SMOOTH, "implicit_euler"):
@@ -160,6 +165,7 @@ def test_a_ball_that_lands_beside_a_swinging_beam_does_not_damp_it() -> None:
     np.testing.assert_allclose(both.positions, alone.positions, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_soft_block_lands_and_lies_still() -> None:
     block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (0.0, 0.0, 0.05)), young_modulus=5e4)
     described = touching(FLOOR, soft=(block,), rayleigh_stiffness=0.002)
@@ -173,6 +179,56 @@ def test_a_soft_block_lands_and_lies_still() -> None:
     for _ in range(200):
         still.step()
     np.testing.assert_allclose(simulation.positions[:, 2], still.positions[:, 2], atol=1e-6)
+
+
+def held_beam(method: str) -> tuple[float, float, float]:
+    """Frequency in [Hz], damping ratio, least contact force in [N] of a beam on a peg that swings."""
+    bar = body(box_mesh((0.1, 0.02, 0.02), (10, 2, 2)), young_modulus=2.5e4, poisson_ratio=0.3)
+    place = Placement(translation=(0.045, 0.01, -0.005 - 0.1 * DISTANCE))  # bends it up
+    peg = replace(FLOOR, name="peg", shape=Shape(box=(0.01, 0.06, 0.01)), pose=place)
+    described = touching(
+        peg, soft=(bar,), attachments=(slab("clamp", "world", 0.0),), gravity=(0.0, 0.0, -2.0)
+    )
+    simulation = Simulation(with_method(described, method))
+    for _ in range(80):
+        simulation.step()
+    velocities = np.zeros_like(simulation.positions)
+    velocities[:, 2] = -0.2 * np.clip(simulation.model.rest[:, 0] / 0.1 - 0.5, 0.0, None) ** 2
+    simulation.set_velocities(velocities)
+    tip, heights, forces = int(np.argmax(simulation.model.rest[:, 0])), [], []
+    for _ in range(100):
+        simulation.step()
+        heights.append(simulation.positions[tip, 2])
+        forces.append(simulation.contacts.forces[:, 2].sum())
+    z = np.array(heights) - np.mean(heights[10:])
+    before = np.flatnonzero(z[10:-1] * z[11:] < 0.0) + 10
+    crossings = before + z[before] / (z[before] - z[before + 1])
+    frequency = 0.5 * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * simulation.dt)
+    swing = np.ptp(z[10:24]), np.ptp(z[50:64])
+    damping = np.log(swing[0] / swing[1]) / (2.0 * np.pi * frequency * 40 * simulation.dt)
+    return float(frequency), float(damping), float(np.abs(forces).min())
+
+
+@pytest.mark.slow
+def test_what_is_held_by_a_contact_rings_on() -> None:
+    """In steps of 10 ms; in those of 5 ms it has 7.8 Hz and 0.01, most of it friction on the peg."""
+    frequency, damping, least = held_beam(SMOOTH)
+    assert least > 0.01
+    assert frequency == pytest.approx(7.8, rel=0.08)
+    assert damping < 0.06
+    assert held_beam("implicit_euler")[1] > 0.2
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+@pytest.mark.slow
+def test_a_block_slides_down_a_slope_as_it_should(friction: float) -> None:
+    block = body(box_mesh((0.03, 0.03, 0.03), (2, 2, 2), (0.0, 0.0, DISTANCE)), young_modulus=5e4)
+    slope = touching(FLOOR, soft=(block,), gravity=downhill(0.4), friction=friction, rayleigh_stiffness=0.001)
+    simulation = Simulation(with_method(slope, SMOOTH))
+    for _ in range(60):
+        simulation.step()
+    gained = GRAVITY * (np.sin(0.4) - friction * np.cos(0.4)) * 60 * simulation.dt
+    assert simulation.velocities[:, 0].mean() == pytest.approx(gained, rel=1e-3)
 
 
 @pytest.mark.parametrize(

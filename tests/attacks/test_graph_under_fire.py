@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import threading
 import time
@@ -51,6 +52,9 @@ NODES = {
     "recorder": ("softsim_ros.recording.recorder_node", {"robot": "tripod"}),
     "viewer": ("softsim_ros.viewer.viewer_node", {}),
 }
+if importlib.util.find_spec("onnxruntime"):
+    shipped = REPOSITORY / "examples" / "learning" / "tripod_reach.onnx"
+    NODES["policy"] = ("softsim_ros.policy.policy_node", {"robot": "tripod", "policy": str(shipped)})
 MOST_WAITING = 40
 """Requests that are asked before the answers are waited for."""
 
@@ -251,7 +255,8 @@ OWN = re.compile(
     r"\t('/tmp/|'/dev/shm/|\d+\t"  # their folders, and what was opened by its own line before
     r"|'[^']*/(__pycache__|\.softsim)/"  # kernels
     r"|'tripod_[\d_-]+/"  # bags
-    r"|'\.\w+\.snapshot\.[0-9a-f]{16}')"  # snapshots, on their way into their folder
+    r"|'\.\w+\.snapshot\.[0-9a-f]{16}'"  # snapshots, on their way into their folder
+    r"|'\.tripod\.yaml\.[0-9a-f]{16}')"  # the edited scene's copy, on its way into the start folder
 )
 """Lines of what nodes may write."""
 

@@ -22,10 +22,11 @@ from softsim_ros.benchmark.records import Record, judge
 from softsim_ros.benchmark.reference_sizes import reference_size
 from softsim_ros.benchmark.report import table
 from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
+from softsim_ros.benchmark.sensing import ALL, LIMIT_MS, measure_sensors, sensor_table
 from softsim_ros.benchmark.timing import Contender, take_turns
 from softsim_ros.benchmark.touching import LIMITS, TouchingScene
 from softsim_ros.benchmark.touching import SCENES as TOUCHING
-from softsim_ros.cli.bench import SCENES
+from softsim_ros.cli.upkeep.bench import SCENES
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -133,6 +134,7 @@ def test_the_command_knows_the_scenes_that_are_measured() -> None:
         (("--rounds", "0"), "--rounds must be at least 1"),
     ],
 )
+@pytest.mark.slow
 def test_wrong_usage_is_one_sentence(words: tuple[str, ...], sentence: str) -> None:
     done = run_bench(*words)
     assert done.returncode == 2
@@ -154,6 +156,20 @@ def test_rubber_is_measured_beside_splu_and_air_beside_none() -> None:
     lines = rubber_table([beam, late])
     assert "splu" in lines[1]
     assert lines[2].split()[-6:] == ["+20.0", "%", "<=", "15", "%", "MISSED"]
+
+
+@pytest.mark.slow
+def test_each_sensor_is_measured_alone_and_all_together() -> None:
+    times = measure_sensors(3)
+    assert [each.sensor for each in times][:2] == ["skin (tactile)", "press (wrench)"]
+    assert times[-1].sensor == ALL
+    assert all(0.0 < each.min_ms <= each.median_ms for each in times)
+    # contacts are measured once for all that need them
+    assert max(each.min_ms for each in times[:-1]) < times[-1].min_ms
+    assert times[-1].min_ms < sum(each.median_ms for each in times[:-1])
+    assert len(sensor_table(times)) == len(times) + 1
+    assert replace(times[-1], min_ms=LIMIT_MS + 0.1).missed
+    assert not replace(times[0], min_ms=LIMIT_MS + 0.1).missed
 
 
 def test_missed_target_is_named() -> None:
@@ -181,7 +197,7 @@ def test_contenders_take_turns() -> None:
 
 def test_thread_limit_is_asked_before_numpy_is_loaded() -> None:
     code = (
-        "import os, sys; import softsim_ros.cli.bench as bench; assert 'numpy' not in sys.modules; "
+        "import os, sys; import softsim_ros.cli.upkeep.bench as bench; assert 'numpy' not in sys.modules; "
         "assert bench.limit_threads(os.environ); assert os.environ['OPENBLAS_NUM_THREADS'] == '1'"
     )
     subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True, timeout=60)
@@ -235,4 +251,4 @@ def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> 
     records, missing = comparison.compare(low_case(), rounds=1)
     assert records == []
     assert len(missing) == 2
-    assert all("pip install 'softsim[peers]'" in sentence for sentence in missing)
+    assert all("pip install 'softsim[" in sentence for sentence in missing)

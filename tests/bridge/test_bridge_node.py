@@ -258,6 +258,7 @@ def test_silence_holds_and_then_goes_to_rest(start_bridge: Starter, client: Any,
         assert 0 <= after.servo_bytes[0] - before.servo_bytes[0] <= math.degrees(1.0) * 0.04 + 1.0
 
 
+@pytest.mark.slow
 def test_the_e_stop_is_latched_until_it_is_cleared(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter
 ) -> None:

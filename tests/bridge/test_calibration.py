@@ -149,6 +149,7 @@ def mover(tmp_path: Path) -> Iterator[ServoMover]:
         driver.disconnect()
 
 
+@pytest.mark.slow
 def test_the_walk_asks_moves_and_returns_what_was_seen(mover: ServoMover) -> None:
     questions: list[str] = []
     answers = iter(  # servo a: 3.5 degrees more, its upper end 5 degrees back; servo b: mirrored

@@ -106,6 +106,7 @@ def test_beside_whole_degrees_the_byte_is_the_exact_one() -> None:
 
 @settings(derandomize=True, max_examples=500)
 @given(st.floats(-4.0, 4.0), calibrations)
+@pytest.mark.slow
 def test_any_angle_and_calibration_is_exact_away_from_whole_degrees(
     angle_rad: float, servo: ServoCalibration
 ) -> None:

@@ -15,8 +15,9 @@ from servo_bridge.protocols import AUTO, candidates
 from servo_bridge.protocols import dynamixel_packets as packets
 from servo_bridge.protocols import dynamixel_table as table
 from servo_bridge.protocols.dynamixel import DEAD_BAND, DynamixelProtocol
-from servo_bridge.protocols.dynamixel_bus import DynamixelBus, EmulatedServo
+from servo_bridge.protocols.dynamixel_bus import DynamixelBus
 from servo_bridge.protocols.dynamixel_packets import PacketStream, StatusError
+from servo_bridge.protocols.dynamixel_servo import EmulatedServo
 from servo_bridge.protocols.dynamixel_table import HardwareError
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.scene.board import BoardDescription, BusServo

@@ -33,6 +33,7 @@ def drive_far(client: Any, board: VirtualBoard, stream: Starter) -> None:
 
 
 @pytest.mark.parametrize("way_out", ["deactivate", "active_shutdown", "SIGINT", "SIGTERM"])
+@pytest.mark.slow
 def test_on_the_way_to_rest_it_stops_within_one_packet(
     start_bridge: Starter,
     client: Any,
@@ -71,6 +72,7 @@ def test_on_the_way_to_rest_it_stops_within_one_packet(
     assert 124 <= board.servo_bytes[0] <= 132  # the way to rest would have lasted for another second
 
 
+@pytest.mark.slow
 def test_it_is_answered_while_a_robot_is_loaded(
     start_bridge: Starter, client: Any, board: VirtualBoard, tmp_path: Path, wait_until: Starter
 ) -> None:
@@ -100,6 +102,7 @@ def test_it_is_answered_while_a_robot_is_loaded(
     assert board.received == 0
 
 
+@pytest.mark.slow
 def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
@@ -139,6 +142,7 @@ def test_its_clearing_moves_nothing_before_the_next_command(
     assert board.wait_for(lambda b: b.servo_bytes != stopped)
 
 
+@pytest.mark.slow
 def test_its_packet_does_not_wait_for_the_beat(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:

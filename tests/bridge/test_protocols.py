@@ -310,6 +310,7 @@ def sources() -> Iterator[Path]:
                 yield file
 
 
+@pytest.mark.slow
 def test_nothing_outside_the_protocols_names_one() -> None:
     seen = 0
     for file in sources():

@@ -66,7 +66,7 @@ joints:
     file.write_text(text % (mesh, "bar"))
     assert load_scene(file).scene.joints[0].actuator.stiffness == 500.0  # type: ignore[union-attr]
     file.write_text(text % (mesh, "bra"))
-    with pytest.raises(ConfigError, match="unknown body of elastic_tendon winch 'bra'; known: bar"):
+    with pytest.raises(ConfigError, match="elastic_tendon winch 'bra'; did you mean bar\\? known: bar"):
         load_scene(file)
 
 

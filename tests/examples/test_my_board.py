@@ -20,6 +20,7 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_board.py"
 PERIOD, SPEED = 0.02, 2.0
 
 
+@pytest.mark.slow
 def test_it_runs_as_it_stands_and_is_short() -> None:
     run = subprocess.run(
         [sys.executable, str(EXAMPLE)],

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from softsim_core import Simulation, load_scene
 from softsim_core.scene.robot import RobotDescription
@@ -20,6 +21,7 @@ def scenes() -> tuple[RobotDescription, RobotDescription]:
     return own, replace(own, scene=replace(own.scene, solver=solver))
 
 
+@pytest.mark.slow
 def test_the_scene_moves_as_with_the_default() -> None:
     own, default = (Simulation(scene, "scipy") for scene in scenes())
     assert own.scene.solver.linear_solver == "dense_cholesky"

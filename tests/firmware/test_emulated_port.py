@@ -35,6 +35,7 @@ def telemetry_with(port: serial.Serial, seq: int) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_opening_resets_the_board_and_the_banner_comes(port_board: EmulatedBoardPty) -> None:
     assert port_board.wait_for(lambda board: board.time_s > 0.05)
     before = port_board.resets

@@ -68,6 +68,7 @@ def test_noise_never_makes_a_servo_faster_than_the_slew_limit(kind: str, rate: f
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_thirty_minutes_lose_no_acknowledgement_and_no_memory() -> None:
     seconds, before = 1800, 0.0
     parser, acknowledged, telemetry = frames.FrameParser(), 0, None

@@ -22,6 +22,7 @@ def legacy(*servo_bytes: int) -> bytes:
     return bytes([255, *servo_bytes])
 
 
+@pytest.mark.slow
 def test_every_byte_on_every_pin(board: EmulatedBoard) -> None:
     worst = 0.0
     for first in range(60, 181):

@@ -13,7 +13,7 @@ from servo_bridge.emulator.intel_hex import read_image
 from servo_bridge.protocols.frames import FrameParser, FrameType
 from servo_bridge.transport import SerialTransport
 from softsim_ros.cli import main
-from softsim_ros.cli.flash import flash_command, is_as_recorded
+from softsim_ros.cli.board.flash import flash_command, is_as_recorded
 
 
 @pytest.fixture

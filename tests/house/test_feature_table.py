@@ -1,4 +1,4 @@
-"""The table of features names tests, folders and files that exist."""
+"""The tables of features and of attacks name tests, folders and files that exist."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-TEXT = (REPOSITORY / "docs" / "features.md").read_text()
+TEXT = "\n".join((REPOSITORY / "docs" / name).read_text() for name in ("features.md", "security.md"))
 
 
 @pytest.mark.parametrize("named", sorted(set(re.findall(r"`(tests/[^`]+)`", TEXT)) - {"tests/reference"}))

@@ -23,7 +23,7 @@ from node_processes import Client, ProcessGroup, parameter_words, private_ros, s
 
 from softsim_core import load_scene
 from softsim_core.errors import SoftSimError
-from softsim_ros.cli.nodes import NODES
+from softsim_ros.cli.running.nodes import NODES
 from softsim_ros.description.folder import companions
 from softsim_ros.description.rviz import SHOWN
 from softsim_ros.launch_plan import Plan, Wishes, board_link, plan
@@ -89,8 +89,8 @@ def test_two_robots_share_neither_namespace_nor_board(tmp_path: Path) -> None:
     [
         (Wishes(robot="cable_gripper", board="virtual"), "argument board: cable_gripper has no servo board"),
         (Wishes(board="virtual", port="/dev/ttyACM0"), "argument port: belongs to board:=real"),
-        (Wishes(board="/dev/ttyACM0"), "argument board: '/dev/ttyACM0' is none of: auto, virtual"),
-        (Wishes(rviz="yes"), "argument rviz: 'yes' is none of: false, true"),
+        (Wishes(board="/dev/ttyACM0"), "argument board: '/dev/ttyACM0' is not one of auto, virtual"),
+        (Wishes(rviz="yes"), "argument rviz: 'yes' is not one of false, true"),
         (Wishes(robot="tripo"), "did you mean tripod"),
     ],
 )

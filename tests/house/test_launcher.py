@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import stat
 import subprocess
 import sys
 import threading
@@ -14,73 +13,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from bare_machine import Machine, executable, one_sentence
 from waiting import DEADLINE_S
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-TOOLS = ("sh", "cat", "cksum", "dirname", "readlink", "head", "printf")  # of every POSIX system
-NEEDED_FILES = ("softsim", "pyproject.toml", "constraints.txt")
-
-
-def executable(file: Path, text: str) -> Path:
-    file.write_text(text)
-    file.chmod(file.stat().st_mode | stat.S_IXUSR)
-    return file
-
-
-class Machine:
-    """A checkout and a PATH of its own: what it holds is all the launcher can find."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.checkout = folder / "check out"  # a blank in the name must not matter
-        self.bin = folder / "bin"
-        self.home = self.checkout / ".softsim"
-        self.bin.mkdir()
-        self.checkout.mkdir()
-        for name in TOOLS:
-            (self.bin / name).symlink_to(shutil.which(name) or f"/bin/{name}")
-        for name in NEEDED_FILES:
-            shutil.copy2(REPOSITORY / name, self.checkout / name)
-        (self.checkout / "softsim_ros" / "cli").mkdir(parents=True)
-        shutil.copy2(REPOSITORY / "softsim_ros/cli/install.py", self.checkout / "softsim_ros/cli/install.py")
-        self.variables = {"PATH": str(self.bin), "HOME": str(folder)}
-
-    def add_python(
-        self, name: str, suits: bool = True, has_venv: bool = True, says: str = "Python 3.12.1"
-    ) -> Path:
-        """A Python as the launcher meets it: answers its questions, and can be real where it has to work."""
-        return executable(
-            self.bin / name,
-            f"""#!/bin/sh
-case "$*" in
-*"(3, 10)"*) exit {0 if suits else 1} ;;
-*"import ensurepip"*) exit {0 if has_venv else 1} ;;
-*%d.%d*) echo 3.12 ;;
--V) echo "{says}" ;;
-*) exec {sys.executable} "$@" ;;
-esac
-""",
-        )
-
-    def start(self, *words: str, **variables: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            ["sh", self.checkout / "softsim", *words],
-            env=self.variables | variables,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-
-    def start_in_background(self) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            ["sh", self.checkout / "softsim", "hello"],
-            env=self.variables,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
 
 
 @pytest.fixture
@@ -95,15 +31,31 @@ def installable(machine: Machine) -> Iterator[Machine]:
     (machine.bin / "mkdir").symlink_to(shutil.which("mkdir") or "/bin/mkdir")
     (machine.bin / "chmod").symlink_to(shutil.which("chmod") or "/bin/chmod")
     (machine.bin / "sleep").symlink_to(shutil.which("sleep") or "/bin/sleep")
+    (machine.bin / "cp").symlink_to(shutil.which("cp") or "/bin/cp")
+    executable(
+        machine.folder / "hello",
+        """#!/bin/sh
+case "$1" in -m) exit 0 ;; esac
+shift
+echo "hello from $*${PYTHONDONTWRITEBYTECODE:+, slow}"
+""",
+    )
     executable(
         machine.bin / "uv",
         f"""#!/bin/sh
 echo "$@" >>"{machine.folder}/uv.log"
+echo "$UV_DEFAULT_INDEX|$UV_INDEX|$UV_FIND_LINKS" >>"{machine.folder}/uv.index"
+case "$*" in
+venv\\ *) phase=venv ;;
+*\\ setuptools) phase=tool ;;
+*) phase=packages ;;
+esac
+while [ -e "{machine.folder}/hang-$phase" ]; do sleep 0.05; done
 case "$1" in
 venv)
     for last in "$@"; do :; done
     mkdir -p "$last/bin"
-    printf '#!/bin/sh\\ncase "$1" in -m) exit 0 ;; esac\\nshift; echo "hello from $*"\\n' >"$last/bin/python"
+    cp "{machine.folder}/hello" "$last/bin/python"
     chmod +x "$last/bin/python" ;;
 pip)
     if [ -e "{machine.folder}/offline" ]; then echo "error sending request for url: dns error"; exit 2; fi
@@ -126,14 +78,6 @@ def wait_until(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < end
         threading.Event().wait(0.02)
-
-
-def one_sentence(done: subprocess.CompletedProcess[str]) -> str:
-    assert done.returncode == 1, done
-    assert "Traceback" not in done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("softsim: ")
-    return last
 
 
 def test_without_any_python(machine: Machine) -> None:
@@ -166,6 +110,10 @@ def test_a_sourced_system_ros_is_refused(machine: Machine, variable: str) -> Non
     assert "/opt/ros/jazzy) is active in this terminal and cannot be mixed" in one_sentence(done)
 
 
+def test_packages_are_compiled_once_whatever_the_shell_says(installable: Machine) -> None:
+    assert installable.start("hello", PYTHONDONTWRITEBYTECODE="1").stdout == "hello from hello\n"
+
+
 def test_first_use_installs_and_later_starts_do_not(installable: Machine) -> None:
     first = installable.start("hello", "a b")
     assert first.returncode == 0, first.stderr
@@ -179,6 +127,7 @@ def test_first_use_installs_and_later_starts_do_not(installable: Machine) -> Non
     assert uv_calls(installable) == calls
 
 
+@pytest.mark.slow
 def test_new_pins_are_installed(installable: Machine) -> None:
     installable.start("hello")
     calls = uv_calls(installable)
@@ -188,6 +137,7 @@ def test_new_pins_are_installed(installable: Machine) -> None:
     assert uv_calls(installable) > calls
 
 
+@pytest.mark.slow
 def test_a_moved_checkout_gets_a_new_environment(installable: Machine) -> None:
     installable.start("hello")
     installable.checkout = installable.checkout.rename(installable.folder / "moved")
@@ -200,6 +150,7 @@ def test_a_moved_checkout_gets_a_new_environment(installable: Machine) -> None:
     ("trouble", "advice"),
     [("offline", "connect to the network"), ("full", "the disk is full; free about 1.5 GB")],
 )
+@pytest.mark.slow
 def test_trouble_is_named_and_the_next_start_mends_it(
     installable: Machine, trouble: str, advice: str
 ) -> None:
@@ -208,11 +159,14 @@ def test_trouble_is_named_and_the_next_start_mends_it(
     sentence = one_sentence(done)
     assert advice in sentence
     assert "install.log" in sentence
+    assert not (installable.home / "venv").exists()  # nothing half made, and its room is free again
+    assert not (installable.home / "stamp").exists()
     (installable.folder / trouble).unlink()
     assert installable.start("hello").stdout == "hello from hello\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.slow
 def test_an_interrupted_install_is_mended(installable: Machine, number: signal.Signals) -> None:
     (installable.folder / "hang").touch()
     with installable.start_in_background() as first:
@@ -221,9 +175,53 @@ def test_an_interrupted_install_is_mended(installable: Machine, number: signal.S
         _, error = first.communicate(timeout=DEADLINE_S)
     if number is not signal.SIGKILL:
         assert "interrupted; the next start begins again" in error
+        assert not (installable.home / "venv").exists()
     (installable.folder / "hang").unlink()
     done = installable.start("hello")
     assert done.stdout == "hello from hello\n", done.stderr
+
+
+@pytest.mark.parametrize(("phase", "calls"), [("venv", 1), ("tool", 2), ("packages", 3)])
+@pytest.mark.slow
+def test_ctrl_c_in_any_phase_leaves_nothing_half_made(installable: Machine, phase: str, calls: int) -> None:
+    hang = installable.folder / f"hang-{phase}"
+    hang.touch()
+    with installable.start_in_background() as first:
+        wait_until(lambda: uv_calls(installable) == calls)
+        os.killpg(first.pid, signal.SIGINT)
+        _, error = first.communicate(timeout=DEADLINE_S)
+    assert "interrupted; the next start begins again" in error
+    assert not {"venv", "stamp", "stamp.new"} & {each.name for each in installable.home.iterdir()}
+    hang.unlink()
+    done = installable.start("hello")
+    assert done.stdout == "hello from hello\n", done.stderr
+
+
+def test_uv_asks_the_index_that_pip_is_told(installable: Machine) -> None:
+    own, more = "file:///nowhere/simple", "file:///nowhere/a file:///nowhere/b"
+    done = installable.start("hello", PIP_INDEX_URL=own, PIP_EXTRA_INDEX_URL=more, PIP_FIND_LINKS="/x /y")
+    assert done.returncode == 0, done.stderr
+    asked = (installable.folder / "uv.index").read_text().splitlines()
+    assert asked[1:] == [f"{own}|{more}|/x,/y"] * 2
+
+
+def test_an_interrupt_while_another_installs_leaves_that_alone(installable: Machine) -> None:
+    (installable.folder / "hang").touch()
+    with installable.start_in_background() as first:
+        wait_until(lambda: uv_calls(installable) >= 2)
+        with installable.start_in_background() as second:
+            assert second.stderr is not None
+            assert "waiting for it" in second.stderr.readline()
+            os.killpg(second.pid, signal.SIGINT)
+            assert second.wait(DEADLINE_S) in (130, -signal.SIGINT)  # the shell is interrupted, too
+        (installable.folder / "hang").unlink()
+        assert first.communicate(timeout=DEADLINE_S)[0] == "hello from hello\n"
+
+
+def test_tab_does_not_install(installable: Machine) -> None:
+    done = installable.start("hello", _ARGCOMPLETE="1")
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "")
+    assert uv_calls(installable) == 0
 
 
 def test_two_at_once_install_once(installable: Machine) -> None:
@@ -250,6 +248,7 @@ def test_help_needs_no_environment() -> None:
     )
     assert with_help.returncode == 0, with_help.stderr
     assert "start here: softsim up tripod" in with_help.stdout
+    assert "exit codes:" in with_help.stdout
 
 
 @pytest.mark.slow

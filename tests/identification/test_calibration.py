@@ -155,6 +155,7 @@ def test_a_prior_stands_where_rows_tell_nothing(tmp_path: Path) -> None:
     assert result.errors[1] == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.exhaustive
 def test_outliers_hardly_matter_with_a_robust_loss(tmp_path: Path) -> None:
     folder = bench(tmp_path, loss="soft_l1", scale_mm=0.3)
     lines = (folder / "first.csv").read_text().splitlines()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -24,7 +25,8 @@ from softsim_core.identification.fit import QUANTILE, Calibration
 from softsim_core.identification.next_poses import next_poses
 from softsim_core.simulation.simulation import Simulation
 from softsim_ros.cli import main
-from softsim_ros.cli.calibrate_report import told_of_endings
+from softsim_ros.cli.measurements.calibrate_page import page
+from softsim_ros.cli.measurements.calibrate_report import Further, told_of_endings
 from tests.identification.test_calibration import (
     DATA_SET,
     OVERLAY,
@@ -81,6 +83,7 @@ def test_a_profile_says_what_slopes_do_not(tmp_path: Path) -> None:
     assert result.values[0] < high < 5.0
 
 
+@pytest.mark.exhaustive
 def test_searches_from_several_starts_are_told(tmp_path: Path) -> None:
     """One begins with an arm so soft that it hangs on the other side of its servo, and stays there."""
     folder = bench(tmp_path, starts=3, every=3)
@@ -124,6 +127,7 @@ def rows_tell(result: Calibration, commands: Array) -> Array:
     return np.asarray(np.einsum("nra,nrb->nab", slopes, slopes))
 
 
+@pytest.mark.exhaustive
 def test_sessions_have_numbers_of_their_own(tmp_path: Path) -> None:
     folder = bench(tmp_path, parameters=[{**ZERO, "per_session": True}, YOUNG])
     rows = np.loadtxt(folder / "first.csv", delimiter=",", skiprows=1)
@@ -204,13 +208,34 @@ def test_the_command_tells_all(tmp_path: Path, capsys: pytest.CaptureFixture[str
     stiff = {"name": "rod", "material": {"young_modulus": 1e6 * TRUE["young"]}}
     out, overlay = tmp_path / "o.yaml", {"joints": OVERLAY["joints"], "bodies": [stiff]}
     folder = bench(tmp_path, parameters=[ZERO], overlay=overlay)
-    asked = ["--folds", "3", "--profile", "--suggest", "1", "--out", str(out)]
+    file = tmp_path / "page.html"
+    asked = ["--folds", "3", "--profile", "--suggest", "1", "--out", str(out), "--report", str(file)]
     assert main(["calibrate", str(folder), *asked]) == 0
     told = capsys.readouterr().out
     for words in ("left out in 3 folds", "95 % interval by profile", "measure next (servo)"):
         assert words in told
         assert words in out.read_text()
+        assert words in file.read_text()
+    assert not re.search(r"(src|href)=|https?://|@import", file.read_text())
     assert yaml.safe_load(out.read_text())["joints"][0]["rest"] == pytest.approx(-TRUE["zero"], abs=0.02)
+
+
+def test_the_page_draws_intervals_and_correlations() -> None:
+    text = page("<arm>", found(), Further())
+    assert "&lt;arm&gt;" in text
+    assert text.count('<svg class="bar"') == 2
+    told = [float(each) for each in re.findall(r"%\)\">([+-]\d\.\d\d)", text)]
+    assert told == pytest.approx(found().correlation.ravel(), abs=0.005)
+    assert "NOT FOUND" not in text
+
+
+@pytest.mark.parametrize("option", ["--out", "--report", "--distribution"])
+@pytest.mark.parametrize("place", ["nowhere/file", "."])
+def test_what_cannot_be_written_is_told_before_the_search(
+    option: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", str(bench(tmp_path)), option, str(tmp_path / place)]) == 2
+    assert "a file in a folder that is there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--folds", "--suggest", "--every"])

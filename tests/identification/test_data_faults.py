@@ -28,11 +28,9 @@ def prediction() -> Prediction:
     return Prediction(poses.positions[:, None], poses.rotations[:, None], known)
 
 
-def column(k: int, factor: float = 1.0) -> list[object]:
-    return list(factor * 1e3 * measured(tripod_poses(), 0.0)[:, k])
-
-
-def broken(values: list[object], row: int, cell: object) -> list[object]:
+def broken(row: int, cell: object) -> list[object]:
+    """A column of numbers, but for one row."""
+    values: list[object] = list(range(24))
     values[row] = cell
     return values
 
@@ -40,11 +38,8 @@ def broken(values: list[object], row: int, cell: object) -> list[object]:
 @pytest.mark.parametrize(
     ("edit", "sentence"),
     [
-        (
-            {"x_mm": broken(column(0), 3, "nan")},
-            r"poses.csv: column x_mm, line 6: holds 'nan', no finite number",
-        ),
-        ({"x_mm": broken(column(0), 5, "")}, r"poses.csv: column x_mm, line 8: holds '', no finite number"),
+        ({"x_mm": broken(3, "nan")}, r"poses.csv: column x_mm, line 6: holds 'nan', no finite number"),
+        ({"x_mm": broken(5, "")}, r"poses.csv: column x_mm, line 8: holds '', no finite number"),
         ({"y_mm": np.ones(24)}, None),
         ({c: np.ones(24) for c in ("x_mm", "y_mm", "z_mm")}, "sensor tracker: reads the same in every row"),
         ({"bad": np.ones(24, int)}, "no row is left that is not suspect"),
@@ -137,7 +132,7 @@ def test_columns_that_are_moved_around_are_warned_of(tmp_path: Path) -> None:
 
 def test_lengths_in_another_unit_are_seen_by_their_size(tmp_path: Path) -> None:
     text = DESCRIPTION.replace("_mm", "").replace("unit: mm", "unit: m")
-    edit = {name: column(k) for k, name in enumerate("xyz")}
+    edit = dict(zip("xyz", 1e3 * measured(tripod_poses(), 0.0).T, strict=True))
     found = session(write_bench(tmp_path, edit=edit, text=text))
     with pytest.raises(
         DataError, match=r"sensor tracker: moves .* mm where the model moves .*are the units right"
@@ -205,6 +200,8 @@ def test_displacements_need_a_zero(tmp_path: Path) -> None:
         ("a,b,a\n1,2,3\n", "line 1: names the column 'a' twice"),
         ("a,b\n1,2\n1\n", "line 3: has 1 cells for 2 columns"),
         ("1,2\n3,4\n", "line 1: holds numbers where the names of the columns must stand"),
+        ("a;b\n1,5;2,5\n", "line 1: has semicolons between its cells; save it with commas"),
+        ("a\tb\n1.5\t2.5\n", "line 1: has tabs between its cells"),
         ("# nothing\na,b\n", "holds no rows below a header line"),
     ],
 )

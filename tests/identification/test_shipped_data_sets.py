@@ -154,6 +154,7 @@ def test_emio_stands_where_it_was_measured(reference_dir: Path, capsys: pytest.C
 @pytest.mark.reference
 @pytest.mark.numba
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_one_command_finds_what_the_beam_is_made_of(
     reference_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,7 +20,7 @@ from softsim_core.identification.replay import Prediction, in_short_steps, repla
 from softsim_core.identification.report import plain, read_alignments, worst
 from softsim_core.identification.validation import SessionResult, compared
 from softsim_ros.cli import main
-from softsim_ros.cli.validate_page import write
+from softsim_ros.cli.measurements.validate_page import write
 
 pytestmark = pytest.mark.slow
 

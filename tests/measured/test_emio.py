@@ -99,6 +99,7 @@ def other() -> Simulation:
 
 @pytest.mark.parametrize(("elements", "within"), [(10, 0.13), (20, 0.02)])
 @pytest.mark.parametrize("angles", CAD)
+@pytest.mark.slow
 def test_check_points_of_the_printed_parts(angles: tuple[float, ...], elements: int, within: float) -> None:
     """What is left at twenty is the rounding of the points, and at the one of a quarter turn the cells."""
     state = emio(elements).equilibrium(angles).state
@@ -108,6 +109,7 @@ def test_check_points_of_the_printed_parts(angles: tuple[float, ...], elements: 
 
 
 @pytest.mark.parametrize("angles", OTHER)
+@pytest.mark.slow
 def test_check_points_of_another_geometry(angles: tuple[float, ...]) -> None:
     assert 1e3 * other().equilibrium(angles).state.frame_positions[0] == pytest.approx(OTHER[angles], abs=0.1)
 
@@ -148,6 +150,7 @@ def test_a_quarter_turn_of_the_commands_turns_the_robot(seed: int) -> None:
     assert turned == pytest.approx((-y, x, z), abs=2e-6)
 
 
+@pytest.mark.slow
 def test_what_the_strips_ask_of_the_servos() -> None:
     """Section 2: at most 0.11 N m in the data."""
     efforts = [np.abs(emio().equilibrium(angles).state.joint_efforts).max() for angles in CAD]
@@ -195,6 +198,7 @@ def test_derivatives_by_the_servos_are_those_of_equilibria(backend: str) -> None
     assert np.abs(exact.effort - sampled.effort).max() < 1e-3 * np.abs(sampled.effort).max()
 
 
+@pytest.mark.slow
 def test_statics_find_the_angles_for_a_place_of_the_centre() -> None:
     pytest.importorskip("daqp")
     goal = np.array([0.015, -0.010, -0.105])
@@ -222,6 +226,7 @@ def test_its_first_state_is_nearly_its_equilibrium(name: str) -> None:
     assert np.abs(simulation.positions - rest.state.positions).max() < 2e-4
 
 
+@pytest.mark.slow
 def test_strips_of_quadratic_tetrahedra_hang_as_rods_do() -> None:
     """They are held to their shape at both ends, so they do not contract there as rods may: 0.35 mm."""
     strips = Simulation(load_yaml(FILE.with_stem("emio_quadratic")).scene, backend="scipy")

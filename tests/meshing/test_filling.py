@@ -78,6 +78,7 @@ FILLED = {
 
 @mesher
 @pytest.mark.parametrize("name", FILLED)
+@pytest.mark.slow
 def test_a_place_lies_in_the_mesh_where_rays_say_that_it_lies_in_the_part(name: str, tmp_path: Path) -> None:
     shells, hollow = FILLED[name]
     made = mesh_part(write(tmp_path, joined(*shells)), COARSE)
@@ -99,6 +100,7 @@ def test_a_place_lies_in_the_mesh_where_rays_say_that_it_lies_in_the_part(name: 
 
 
 @mesher
+@pytest.mark.slow
 def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Path) -> None:
     part = write(tmp_path, BAR)
     first = mesh_part(part, COARSE)
@@ -118,6 +120,7 @@ def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Pa
 
 
 @mesher
+@pytest.mark.slow
 def test_without_a_cache_it_goes_on_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
@@ -126,6 +129,7 @@ def test_without_a_cache_it_goes_on_and_says_so(tmp_path: Path, monkeypatch: pyt
 
 
 @mesher
+@pytest.mark.slow
 def test_about_as_many_nodes_as_are_wished(tmp_path: Path) -> None:
     made = mesh_part(write(tmp_path, BAR), MeshingOptions(nodes=700))
     assert made.report.nodes == pytest.approx(700, rel=0.15)
@@ -134,6 +138,7 @@ def test_about_as_many_nodes_as_are_wished(tmp_path: Path) -> None:
 
 
 @mesher
+@pytest.mark.slow
 def test_edges_are_as_long_as_is_wished(tmp_path: Path) -> None:
     made = mesh_part(write(tmp_path, box()), MeshingOptions(size=5e-3, order=2))
     assert made.mesh.order == 2
@@ -158,6 +163,7 @@ def test_where_even_long_edges_leave_too_many_nodes_the_mesh_is_made_coarser(tmp
 
 
 @mesher
+@pytest.mark.slow
 def test_walls_thinner_than_the_deviation_are_not_lost_in_silence(tmp_path: Path) -> None:
     """A plate of 100 x 100 x 0.1 mm; a thousandth of its diagonal is more than its thickness."""
     part = write(tmp_path, box(100.0, 100.0, 0.1))
@@ -167,6 +173,7 @@ def test_walls_thinner_than_the_deviation_are_not_lost_in_silence(tmp_path: Path
 
 
 @mesher
+@pytest.mark.slow
 def test_a_part_that_touches_itself_is_one_piece(tmp_path: Path) -> None:
     made = mesh_part(write(tmp_path, pinched_ring()), COARSE)
     assert made.report.volume == pytest.approx(7 * 125e-9, rel=5e-3)
@@ -220,7 +227,24 @@ def test_whatever_becomes_of_the_mesher_is_said_in_one_sentence(code: str) -> No
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
+def test_a_mesher_that_works_for_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softsim_core.meshing.filling.WORD_S", 0.1)
+    said: list[float] = []
+    with pytest.raises(MeshError, match=r"stopped after 1 s"):
+        filled(
+            SURFACE,
+            5e-3,
+            Filling(time_limit=1.0, waited=said.append),
+            (sys.executable, "-c", "import time; time.sleep(60)"),
+        )
+    assert said == sorted(said)
+    assert len(said) >= 2
+    assert said[-1] < 1.5
+
+
 @mesher
+@pytest.mark.slow
 def test_too_little_memory_is_said() -> None:
     with pytest.raises(MeshError, match=r"memory|crashed"):
         filled(SURFACE, 2e-4, Filling(memory=200 << 20, time_limit=60.0))
@@ -257,7 +281,24 @@ def test_a_size_that_cannot_be_had_gives_the_nearest() -> None:
     assert (len(sized.mesh.points), sized.tries) == (500, 2)
 
 
+def test_a_try_that_fails_does_not_lose_the_meshes_before_it() -> None:
+    """Longer edges make the mesher hang: the mesh with too many nodes is kept, and the first failure told."""
+
+    def fill(edge: float) -> TetMesh:
+        if edge > limit:
+            raise MeshError("a part", "the mesher was stopped after 300 s")
+        return TetMesh(np.zeros((500, 3)), np.zeros((1, 4), dtype=np.int64))
+
+    limit = 0.03
+    sized = with_nodes(fill, 1e-3, 0.05, 100)
+    assert (len(sized.mesh.points), sized.tries) == (500, 1)
+    limit = 0.0
+    with pytest.raises(MeshError, match="was stopped after 300 s"):
+        with_nodes(fill, 1e-3, 0.05, 100)
+
+
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_distances_of_surfaces_in_closed_form(seed: int) -> None:
     """A sphere in a box: as far as the box's corners from the sphere, one way, and its faces, the other."""
     turned = np.random.default_rng(seed).uniform(-180.0, 180.0, 3)

@@ -13,8 +13,8 @@ from softsim_core.mesh import box_mesh, read_tets
 from softsim_core.meshing import have_mesher
 from softsim_core.meshing.guesses import end_face
 from softsim_ros.cli import main
-from softsim_ros.cli.mesh import fitness
-from softsim_ros.cli.mesh_speed import held_part
+from softsim_ros.cli.robots.mesh import fitness
+from softsim_ros.cli.robots.mesh_speed import held_part
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"
@@ -28,6 +28,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @mesher
+@pytest.mark.slow
 def test_a_hollow_cube_in_inches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """1 inch with a hollow of 0.3: its volume in closed form, its report as text and as JSON, both files."""
     hollow = joined(box(1, 1, 1), inside_out(ball(0.3)))

@@ -356,6 +356,7 @@ def test_a_surface_is_repaired_with_a_word_or_refused_in_a_sentence(name: str, t
 
 
 @pytest.mark.parametrize("refinements", [6, pytest.param(8, marks=pytest.mark.exhaustive)])
+@pytest.mark.slow
 def test_very_fine_surfaces_become_coarser(refinements: int, tmp_path: Path) -> None:
     """81 920 triangles, and 1.3 million: a sphere whose volume and radius are kept within a thousandth."""
     pytest.importorskip("fast_simplification")

@@ -54,7 +54,7 @@ def test_a_folder_and_its_file_are_tables_once_registered(
         ("x", "column x: must be TOPIC:FIELD, or recorded_s"),
         (
             "pose:data.0",
-            r"topic /tripod/pose: is not there; there are /tripod/markers, /tripod/position_contr",
+            r"topic /tripod/pose: is not there; did you mean /tripod/markers\? there are /tripod/m",
         ),
         (
             "markers:data.7",

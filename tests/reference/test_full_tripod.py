@@ -93,7 +93,8 @@ def solved(reference_dir: Path, level: str, name: str) -> State:
 
 
 @pytest.mark.parametrize("name", POSES)
-@pytest.mark.parametrize("level", ["low", pytest.param("mid", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("level", ["low", pytest.param("mid", marks=pytest.mark.exhaustive)])
+@pytest.mark.slow
 def test_poses_of_the_independent_computation(reference_dir: Path, level: str, name: str) -> None:
     poses = json.loads((reference_dir / "data" / "fixtures" / "tripod_reference_poses.json").read_text())[
         level

@@ -34,6 +34,7 @@ def test_every_snapshot_of_the_fall(reference_dir: Path, level: str, backend: Ba
 
 
 @pytest.mark.parametrize("level", ["low", "mid"])
+@pytest.mark.slow
 def test_pose_after_five_seconds(reference_dir: Path, level: str) -> None:
     results = np.load(reference_dir / "simulator" / f"held_centre_{level}.npz")
     sim = Simulation(held_centre(reference_dir, level))

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 
 from softsim_core.scene import load_scene
-from softsim_ros.client.discovery import running_robots
+from softsim_ros.cli.running import run
+from softsim_ros.client.discovery import RobotChoiceError, RunningRobot, running_robot, running_robots
 from softsim_ros.client.session import ClientError, RobotSession, connect
 from softsim_ros.client.state import EffectorPose
 
@@ -30,7 +32,7 @@ def robot(tripod: Any, ros_domain: int) -> Iterator[RobotSession]:
 
 
 def test_the_example_runs_as_it_stands(tripod: Any) -> None:
-    run = subprocess.run(
+    done = subprocess.run(
         [sys.executable, str(REPOSITORY / "examples" / "drive_a_robot.py")],
         cwd=REPOSITORY,
         env=None,
@@ -39,8 +41,8 @@ def test_the_example_runs_as_it_stands(tripod: Any) -> None:
         timeout=180.0,
         check=False,
     )
-    assert run.returncode == 0, run.stderr
-    lines = run.stdout.splitlines()
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
     assert "mid [-1.05, -1.05, -1.05]" in lines
     assert "servo_0 stops at its upper limit -0.0255 rad (-1.5 deg)" in lines
     assert lines[-1].startswith("nothing moved: unknown pose upside_down; known: ")
@@ -103,3 +105,29 @@ def test_what_is_not_there_is_refused_in_a_sentence(robot: RobotSession, ros_dom
 
 def test_running_robots_are_found(robot: RobotSession, client: Any, spin_until: Any) -> None:
     assert spin_until(lambda: running_robots(client.node) == ["/tripod"])
+
+
+def test_the_robot_that_runs_is_found_where_none_is_named(tripod: Any, ros_domain: int) -> None:
+    assert running_robot() == RunningRobot("tripod", "/tripod")
+    assert running_robot("tripod").robot == "tripod"  # type: ignore[union-attr]
+    assert running_robot("elsewhere", within_s=0.5) is None
+    with connect(domain=ros_domain) as session:
+        assert session.client.robot.name == "tripod"
+    assert run._found([]) == ["--ros-args", "-p", "robot:=tripod", "-r", "__ns:=/tripod"]
+    assert run._found(["--ros-args", "-p", "robot:=tentacle"]) == run._found(["--help"]) == []
+    topics = [sys.executable, "-m", "softsim_ros.cli", "topics", "--echo", "joint_states", "--count", "1"]
+    done = subprocess.run(topics, cwd=REPOSITORY, capture_output=True, text=True, timeout=60.0, check=False)
+    assert "servo_0" in done.stdout, done.stderr
+
+
+def test_of_several_robots_one_has_to_be_named(
+    tripod: Any, start_process: Any, spin_until: Any, client: Any
+) -> None:
+    words = ("--ros-args", "-r", "__ns:=/second", "-p", "robot:=tripod")
+    second = start_process("softsim_ros.simulator.simulator_node", *words)
+    assert second.says("simulating", BUILD_S)
+    assert spin_until(lambda: running_robots(client.node) == ["/second", "/tripod"])
+    with pytest.raises(RobotChoiceError, match="several robots run: /second, /tripod; name the one"):
+        running_robot()
+    assert running_robot("second") == RunningRobot("tripod", "/second")
+    assert second.end() == 0

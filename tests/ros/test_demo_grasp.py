@@ -50,7 +50,7 @@ def test_the_cube_is_lifted_held_and_put_down(ros_domain: int) -> None:
     ],
 )
 def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None:
-    from softsim_ros.cli.grasp import GraspResult
+    from softsim_ros.cli.demos.grasp import GraspResult
 
     good = GraspResult(lift=0.03, slip=0.001, held=5.5, returned=0.001, tension=2.0)
     assert replace(good, **changed).passed is passes

@@ -74,7 +74,7 @@ def test_the_first_start_is_ended_while_it_compiles(
     cache = tmp_path / "kernels"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = start("softsim_ros.cli", "run", "simulator")
-    assert process.says("its kernels are compiled first", KERNELS_S), process.output
+    assert process.says("begins on the SciPy path while kernels compile", KERNELS_S), process.output
     assert spin_until(lambda: any(cache.rglob("*.nbc")), KERNELS_S)  # the compiler is at the next one
     assert end(process, number) < SOON_S
 

@@ -25,7 +25,7 @@ from softsim_core import load_scene, rotation_exp
 from softsim_core.identification import load_data_set, load_session
 from softsim_ros.cli import main
 from softsim_ros.excitation.errors import ExcitationError
-from softsim_ros.excitation.readings import times_of
+from softsim_ros.excitation.readings import not_before, times_of
 from softsim_ros.excitation.rows import drifts, rings_from
 from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
 
@@ -247,6 +247,16 @@ def test_stamps_of_another_clock_are_not_used() -> None:
     assert [each[0] for each in times_of([(late, arrivals), (late + 0.01, arrivals)])] == [999.98, 999.99]
     simulated = arrivals - 995.0
     assert [each[0] for each in times_of([(late, arrivals), (simulated, arrivals)])] == [1000.0, 1000.0]
+
+
+def test_what_a_late_sensor_says_of_the_pose_before_is_left_out() -> None:
+    stamps = np.linspace(10.0, 11.0, 11)
+    numbers = stamps[:, None]
+    joints, camera = (stamps[5:], stamps[5:] + 0.01, numbers[5:]), (stamps, stamps + 0.3, numbers)
+    assert not_before(10.55, [joints, camera])[1][:, 0] == pytest.approx(stamps[6:])
+    other_clock = (stamps + 1000.0, stamps + 0.3, numbers)
+    assert len(not_before(10.55, [joints, other_clock])[1]) == len(stamps)
+    assert len(not_before(None, [joints, camera])[1]) == len(stamps)
 
 
 def test_the_whole_chain(

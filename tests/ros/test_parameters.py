@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter, get_parameter_value  # noqa: E402
 
 from softsim_core.errors import CommandError  # noqa: E402
 from softsim_core.scene.overrides import read_overrides  # noqa: E402
+from softsim_node.guarded_node import GuardedNode  # noqa: E402
 from softsim_node.help import Program  # noqa: E402
 from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter  # noqa: E402
 
@@ -77,6 +78,22 @@ def test_a_wrong_start_value_is_one_sentence(context: Context, name: str, value:
     with pytest.raises(ParameterError) as caught:
         declare(node, Settings())
     assert words in str(caught.value)
+    node.destroy_node()
+
+
+def test_a_name_that_is_not_declared_is_answered_with_the_nearest(context: Context) -> None:
+    node = GuardedNode("parameters", context=context)
+    declare(node, Settings())
+    for name, words in (
+        ("gian", "no parameter 'gian'; did you mean gain? known parameters: "),
+        ("\x1b" * 999, "?"),
+    ):
+        result = node.set_parameters_atomically([Parameter("count", value=4), Parameter(name, value=1.0)])
+        assert not result.successful
+        assert words in result.reason
+        assert result.reason.isprintable()
+        assert len(result.reason) <= 300
+        assert node.get_parameter("count").value == 3
     node.destroy_node()
 
 

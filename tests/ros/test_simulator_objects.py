@@ -67,6 +67,7 @@ def inside(points: Any) -> float:
     return float(np.einsum("ki,ki->", a, np.cross(b, c)) / 6.0)
 
 
+@pytest.mark.slow
 def test_a_chamber_is_its_closed_hollow_in_the_colour_of_its_pressure() -> None:
     simulation = Simulation(load_scene("pneu_arm"))
     start = inside(chamber_markers(simulation, Time()).markers[0].points)

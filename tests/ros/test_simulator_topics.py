@@ -116,17 +116,3 @@ def test_a_late_joiner_gets_the_robot_s_description(tripod: Any, spin_until: Any
     assert {joint.get("name") for joint in root.findall("joint[@type='revolute']")} == set(states[-1].name)
     topic = root.findtext("ros2_control/hardware/param[@name='joint_commands_topic']")
     assert topic == "/tripod/joint_commands"
-
-
-def test_transforms_lead_from_the_world_to_every_horn(tripod: Any, spin_until: Any) -> None:
-    message_type = pytest.importorskip("tf2_msgs.msg").TFMessage
-    fixed = tripod.client.collect(message_type, "/tf_static", LATCHED)
-    moving = tripod.client.collect(message_type, "/tf")
-    assert spin_until(lambda: fixed and moving)
-    links = {
-        (link.header.frame_id, link.child_frame_id)
-        for message in (fixed[0], moving[-1])
-        for link in message.transforms
-    }
-    assert {("world", "tripod/base_link"), ("tripod/base_link", "tripod/effector")} <= links
-    assert {(f"tripod/servo_{i}_base", f"tripod/servo_{i}_horn") for i in range(3)} <= links

@@ -126,6 +126,7 @@ def test_pneu_step_1_linear_cells_lock(order: int, expected_mm: float) -> None:
     assert sag_mm(simulation) == pytest.approx(expected_mm, abs=0.1)
 
 
+@pytest.mark.slow
 def test_pneu_step_2_air_alone_makes_it_longer_and_does_not_lift_it() -> None:
     simulation = ran("pneu_step_2", 2.0)
     before = tip_moved_mm(simulation)
@@ -137,6 +138,7 @@ def test_pneu_step_2_air_alone_makes_it_longer_and_does_not_lift_it() -> None:
 @pytest.mark.parametrize(
     ("volume", "height_mm", "pressure_kpa"), [(3e-7, 9.3, 21.3), (9e-7, 30.9, 53.6), (1.4e-6, 45.6, 75.1)]
 )
+@pytest.mark.slow
 def test_pneu_step_3_paper_and_thread_turn_growth_into_bending(
     volume: float, height_mm: float, pressure_kpa: float
 ) -> None:
@@ -145,6 +147,7 @@ def test_pneu_step_3_paper_and_thread_turn_growth_into_bending(
     assert 1e-3 * simulation.joint_efforts[0] == pytest.approx(pressure_kpa, abs=0.5)
 
 
+@pytest.mark.slow
 def test_pneu_step_4_one_chamber_bends_the_arm_and_three_stretch_it() -> None:
     simulation = ran("pneu_step_4", 2.4)
     rest = simulation.effector_pose.position

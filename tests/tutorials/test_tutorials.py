@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import functools
-import importlib
 import importlib.util
 import os
 import signal
@@ -17,14 +15,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from waiting import BUILD_S, DEADLINE_S
-
-sys.path.append(str(Path(__file__).parent))
-from tutorial_pages import (
-    PAGES,
+from doc_pages import (
     QUICK_START,
     README,
     REPOSITORY,
+    TUTORIAL_PAGES,
     TUTORIALS,
     Fence,
     anchors,
@@ -32,17 +27,18 @@ from tutorial_pages import (
     commands,
     fences,
     links,
+    parsed_command,
 )
+from waiting import BUILD_S, DEADLINE_S
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.cli.app import COMMANDS
-from softsim_ros.cli.nodes import NODES
+from softsim_ros.cli.running.nodes import NODES
 
 STEPS = 50
-FENCES = [fence for page in PAGES for fence in fences(page)]
+FENCES = [fence for page in TUTORIAL_PAGES for fence in fences(page)]
 CONSOLE = [fence for fence in FENCES if fence.language == "console"] + list(fences(README, QUICK_START))
 STARTED = [fence for fence in CONSOLE if fence.flags is not None]
-STEP_PAGES = [page for page in PAGES if page.parent != TUTORIALS]
+STEP_PAGES = [page for page in TUTORIAL_PAGES if page.parent != TUTORIALS]
 STARTS = sorted(path for path in (REPOSITORY / "configs" / "tutorials").rglob("step_*") if path.is_file())
 
 
@@ -56,15 +52,6 @@ def run(scene: str) -> None:
     assert all(np.isfinite(pose.position).all() for pose in simulation.rigid_poses)
 
 
-def parsed(name: str, words: list[str]) -> argparse.Namespace:
-    """The command line of a subcommand as the program reads it; unknown options end the test."""
-    assert name in COMMANDS, f"unknown command {name}"
-    module = importlib.import_module(COMMANDS[name].module)
-    parser = argparse.ArgumentParser(prog=name, allow_abbrev=False)
-    module.configure(parser)
-    return parser.parse_args(words)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("fence", CONSOLE, ids=str)
 def test_every_command_of_the_text_is_one(fence: Fence, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,12 +62,13 @@ def test_every_command_of_the_text_is_one(fence: Fence, monkeypatch: pytest.Monk
             assert words[0] in NODES, f"unknown node {words[0]}"
             assert words[1:2] in ([], ["--ros-args"])
             continue
-        arguments = parsed(name, words)
+        arguments = parsed_command(name, words)
         if name == "up":
             run(arguments.robot)
 
 
 @pytest.mark.parametrize("start", STARTS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+@pytest.mark.slow
 def test_every_start_version_runs_and_says_what_to_write(start: Path) -> None:
     run(str(start))
     assert "Write here: " in start.read_text(encoding="utf-8")
@@ -107,7 +95,7 @@ def test_every_start_version_belongs_to_a_page() -> None:
     assert set(STARTS) <= named
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+@pytest.mark.parametrize("page", TUTORIAL_PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
 def test_links_lead_somewhere(page: Path) -> None:
     for link in links(page):
         path, _, anchor = link.partition("#")

@@ -67,6 +67,7 @@ modes = st.sampled_from(["once", "loop", "pingpong"])
 
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(modes, st.integers(1, 1000), st.floats(0.0, 1.0e4), st.sampled_from([0.001, 0.01, 0.02, 1 / 60]))
+@pytest.mark.slow
 def test_a_rise_ends_with_1_at_its_last_step_from_any_start(
     mode: str, steps: int, start: float, dt: float
 ) -> None:

@@ -1,4 +1,4 @@
-"""From scene descriptions to models: zones, masses, springs; what does not fit is refused with a sentence."""
+"""From scene descriptions to models: regions, masses, springs; what does not fit is refused in a sentence."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ def test_equal_masses_are_those_of_all_nodes_of_a_body() -> None:
     assert built.model.mass[built.bodies[1].nodes] == pytest.approx(np.full(20, 0.01 / 20))
 
 
-def test_zones_of_every_kind() -> None:
+def test_regions_of_every_kind() -> None:
     model = build(machine()).model
     assert (model.region_of_node == FIXED).sum() == 6
     assert (model.region_of_node == FREE).sum() == len(model.free_nodes) == 74 - 6 - 3 * 6 - 2 * 4
-    names = [zone.name for zone in model.regions]
+    names = [region.name for region in model.regions]
     assert names == ["driven", "sprung", "middle", "slid", "lifted"]
-    for number, zone in enumerate(model.regions):
-        np.testing.assert_array_equal(zone.nodes, np.flatnonzero(model.region_of_node == number))
+    for number, region in enumerate(model.regions):
+        np.testing.assert_array_equal(region.nodes, np.flatnonzero(model.region_of_node == number))
     middle = model.regions[2]
     assert (middle.frame, middle.joint, middle.reduced.tolist()) == (0, -1, [0, 1, 2, 3, 4, 5])
-    assert [zone.reduced.tolist() for zone in model.regions[:2]] == [[6], [7]]
+    assert [region.reduced.tolist() for region in model.regions[:2]] == [[6], [7]]
     assert model.reduced_size == 6 + 4
     assert model.compliant_joints.tolist() == [1, 2]
     assert model.spring[model.spring > 0.0] == pytest.approx(np.full(4, 40.0))
 
 
-def test_zones_stand_where_the_rest_shape_is() -> None:
-    """Joints that are not at 0 at rest, bases that are turned: placing the zones moves nothing."""
+def test_regions_stand_where_the_rest_shape_is() -> None:
+    """Joints that are not at 0 at rest, bases that are turned: placing the regions moves nothing."""
     model = build(machine()).model
     state = model.rest_state()
     np.testing.assert_allclose(state.positions, model.rest, atol=1e-16)
@@ -98,9 +98,9 @@ def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:
 
     base = Placement(translation=(0.04, 0.005, 0.005), rotation_deg=(0.0, 0.0, 90.0))
     hinge = JointDescription(name="hinge", base=base)
-    zone = slab("tip", "hinge", 0.0, relative_to="hinge")  # the base's own x is the world's y
+    region = slab("tip", "hinge", 0.0, relative_to="hinge")  # the base's own x is the world's y
     model = build(
-        scene(body(box_mesh((0.04, 0.01, 0.01), (4, 2, 1))), joints=(hinge,), attachments=(zone,))
+        scene(body(box_mesh((0.04, 0.01, 0.01), (4, 2, 1))), joints=(hinge,), attachments=(region,))
     ).model
     np.testing.assert_allclose(model.rest[model.regions[0].nodes, 1], 0.005)
     assert len(model.regions[0].nodes) == 5 * 2

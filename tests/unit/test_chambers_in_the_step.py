@@ -81,6 +81,7 @@ def blown(touching: bool) -> SceneDescription:
 
 
 @pytest.mark.parametrize("touching", [False, True])
+@pytest.mark.slow
 def test_both_back_ends_agree_on_chambers_beside_other_kinds(touching: bool) -> None:
     fast, readable = (Simulation(blown(touching), backend=each) for each in ("numba", "scipy"))
     for step in range(8):

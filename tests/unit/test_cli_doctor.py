@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli import doctor
-from softsim_ros.cli.checks import house, ports, ros
-from softsim_ros.cli.checks.finding import Finding, Level
+from softsim_ros.cli.upkeep import doctor
+from softsim_ros.cli.upkeep.checks import house, ports, ros
+from softsim_ros.cli.upkeep.checks.finding import Finding, Level
 
 
 def report(port: str = "") -> int:
@@ -112,7 +112,7 @@ def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: py
 def test_what_is_lost_without_each_optional_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     installed = {finding.subject: finding.level for finding in house.optional_packages()}
     mesh = {"pytetwild", "fast-simplification"}
-    assert set(installed) == {"c3d", "daqp", "viser", "rosbags", "matplotlib"} | mesh
+    assert set(installed) == {"c3d", "daqp", "viser", "rosbags", "matplotlib", "urdfdom_py", "xacro"} | mesh
     monkeypatch.setattr(house.importlib.util, "find_spec", lambda name: None)
     missing = {finding.subject: finding for finding in house.optional_packages()}
     assert all(finding.level is Level.WARNING for finding in missing.values())

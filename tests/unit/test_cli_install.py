@@ -1,10 +1,13 @@
-"""What the installer says about machines and logs."""
+"""What the installer says about machines and logs, and with what it installs."""
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
+import sys
 from collections import namedtuple
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -63,3 +66,107 @@ def test_too_little_room_is_said_before_anything_is_fetched(
     with pytest.raises(install.InstallError, match=r"has 0\.1 GB free .* SOFTSIM_HOME=/other/disk"):
         install.install(tmp_path, tmp_path / "home", "1|2|3")
     assert not (tmp_path / "home" / "venv").exists()
+
+
+class Recorded:
+    """In the place of Stages: keeps the commands; those that hold a word of `fails` fail with its log."""
+
+    def __init__(self, venv: Path, fails: Mapping[str, str]) -> None:
+        self.venv, self.fails, self.number = venv, fails, 0
+        self.commands: list[str] = []
+
+    def run(
+        self, title: str, command: Sequence[str | Path], variables: Mapping[str, str] | None = None
+    ) -> None:
+        self.number += 1
+        line = " ".join(map(str, command)).replace(str(self.venv), "VENV")
+        self.commands.append(line)
+        for word, log in self.fails.items():
+            if word in line:
+                number = install._cause(log)
+                raise install.InstallError(log, number is not None and number < install.HOPELESS)
+        if " -m venv " in line:
+            (self.venv / "bin").mkdir(parents=True)
+            for name in ("python", "pip"):
+                (self.venv / "bin" / name).touch()
+
+
+NETWORK = "Failed to establish a new connection: Name or service not known"
+NOT_OFFERED = "ERROR: No matching distribution found for uv"
+WITH_UV = [
+    "-m venv VENV",
+    "pip install --no-input -c PINS uv",
+    "VENV/bin/uv pip install",
+    "VENV/bin/uv pip install",
+]
+WITH_PIP = ["VENV/bin/python -m pip install", "VENV/bin/python -m pip install"]
+
+
+@pytest.mark.parametrize(
+    ("fails", "expected"),
+    [
+        ({}, WITH_UV),
+        ({" uv": NOT_OFFERED}, [*WITH_UV[:2], *WITH_PIP]),
+        ({"bin/uv pip": "error: something odd"}, [*WITH_UV[:3], *WITH_PIP]),
+    ],
+    ids=["uv is fetched", "uv cannot be had", "uv fails"],
+)
+def test_uv_installs_and_pip_where_it_cannot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: dict[str, str], expected: list[str]
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(install, "pip_settings", lambda _: {})
+    stages = Recorded(tmp_path / "venv", fails)
+    install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
+    assert len(stages.commands) == len(expected)
+    for line, part in zip(stages.commands, expected, strict=True):
+        assert part.replace("PINS", str(tmp_path / "constraints.txt")) in line
+    for line in stages.commands[1:]:
+        assert f"-c {tmp_path / 'constraints.txt'}" in line  # the pins hold for every installer
+    assert stages.commands[-1].endswith(f"-e {tmp_path}[ros]")
+
+
+@pytest.mark.parametrize("word", [" uv", "bin/uv pip", "setuptools"])
+def test_without_a_network_pip_is_not_tried_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(install, "pip_settings", lambda _: {})
+    stages = Recorded(tmp_path / "venv", {word: NETWORK})
+    with pytest.raises(install.InstallError, match="new connection"):
+        install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
+    assert word in stages.commands[-1]
+
+
+def test_a_person_may_do_without_uv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setenv(install.WITHOUT_UV, "1")
+    stages = Recorded(tmp_path / "venv", {})
+    install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
+    assert not any("uv" in line.replace("--no-input", "") for line in stages.commands)
+
+
+def test_uv_is_told_what_pip_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pip")
+    for name in [*os.environ]:
+        if name.startswith(("PIP_", "UV_")) or name in install.OF_UV.values():
+            monkeypatch.delenv(name)
+    file = tmp_path / "pip.conf"
+    file.write_text("[global]\nindex-url = file:///a\nextra-index-url =\n  file:///b\n  file:///c\n")
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(file))
+    monkeypatch.setenv("PIP_INDEX_URL", "file:///own")  # a variable wins over the file
+    monkeypatch.setenv("PIP_FIND_LINKS", "/x /y")
+    told = install.uv_variables(install.pip_settings(sys.executable))
+    assert {name: value for name, value in told.items() if name.startswith("UV_")} == {
+        "UV_DEFAULT_INDEX": "file:///own",
+        "UV_INDEX": "file:///b file:///c",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_FIND_LINKS": "/x,/y",
+    }
+    monkeypatch.setenv("UV_DEFAULT_INDEX", "file:///mine")  # and what uv is told already over both
+    assert "UV_DEFAULT_INDEX" not in install.uv_variables({"index-url": "file:///a"})
+
+
+def test_without_pip_its_variables_still_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PIP_INDEX_URL", "file:///own")
+    assert install.pip_settings("/bin/false")["index-url"] == "file:///own"

@@ -56,7 +56,7 @@ def test_as_json_with_the_other_law(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "sentence"),
     [
-        (["Dragon Skin 10"], 1, "did you mean: Dragon Skin 10 MEDIUM"),
+        (["Dragon Skin 10"], 1, "did you mean Dragon Skin 10 MEDIUM"),
         (["RTV615", "--factor", "-1"], 1, "stiffness_factor must be > 0"),
         (["RTV615", "--poisson-ratio", "0.5"], 1, "poisson_ratio must be between -1 and 0.5"),
         (["RTV615", "--size", "0"], 2, "--size must be a number > 0, not 0"),
@@ -72,6 +72,7 @@ def test_what_cannot_be_is_one_sentence(
     assert sentence in said
 
 
+@pytest.mark.slow
 def test_a_picture_is_written_or_its_lack_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

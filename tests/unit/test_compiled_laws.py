@@ -9,7 +9,7 @@ import pytest
 from small_scenes import jittered
 
 from softsim_core.arrays import Array
-from softsim_core.fem.assembly import cell_forces, cell_stiffness
+from softsim_core.fem.cells import cell_forces, cell_stiffness
 from softsim_core.fem.elements import element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.materials import material
@@ -88,7 +88,7 @@ def filled(
 def assert_alike(
     group: ElementGroup, p: Array, x: Array, moved: Array | None, positive: bool, mean_share: float = 1.0
 ) -> None:
-    """Blocks and forces of the compiled cells are those of fem.assembly."""
+    """Blocks and forces of the compiled cells are those of fem.cells."""
     velocities = 0.3 * np.random.default_rng(8).normal(size=x.shape)
     forces, blocks = filled(group, p, x, velocities, moved, positive, mean_share)
     expected = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
@@ -157,6 +157,7 @@ def test_cells_that_are_no_numbers_say_so() -> None:
 
 @laws
 @cells_of
+@pytest.mark.slow
 def test_what_is_held_and_remembered(name: str, cell: str) -> None:
     """Prony terms: memory, what it holds, and its forces and blocks; where cells are crushed, too."""
     from softsim_core.dynamics.numba_backend.relaxing_cells import RelaxingCells

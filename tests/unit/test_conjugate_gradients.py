@@ -8,25 +8,24 @@ import pytest
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
+from softsim_core.linalg.agenda import open_agenda  # noqa: E402
 from softsim_core.linalg.cholesky import factor  # noqa: E402
-from softsim_core.linalg.conjugate import (  # noqa: E402
-    Matrix,
-    Preconditioner,
-    conjugate_gradients,
-    copy_matrix,
-    matrix_of,
-    multiply,
-    precondition,
-)
+from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix  # noqa: E402
+from softsim_core.linalg.divided_solve import Sharing, multiply, precondition, sharing_of  # noqa: E402
+from softsim_core.linalg.division import divided  # noqa: E402
 from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
 from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
+from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
 from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
 from softsim_core.linalg.symbolic import plan  # noqa: E402
 from softsim_core.mechanics.pose import rotation_exp  # noqa: E402
 
 
-def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, np.ndarray]:
-    """A random positive matrix of a random graph in panels, its factor, and the matrix itself."""
+def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, Sharing, np.ndarray]:
+    """A random positive matrix of a random graph in panels, its factor, its parts, and the matrix itself.
+
+    Odd seeds divide its tree.
+    """
     rng = np.random.default_rng(seed)
     edges = rng.integers(0, count, size=(4 * count, 2))
     layout = plan(count, edges, edges[:0], 0, LANES, ROWS)
@@ -56,53 +55,60 @@ def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, np.ndar
     by = Preconditioner(
         tree, store.panels, rotations, np.zeros(3 * count, np.float32), np.zeros(widest, np.float32)
     )
-    return matrix, by, dense
+    sharing = sharing_of(divided(layout, 0.0 if seed % 2 else np.inf), 3 * count)
+    return matrix, by, sharing, dense
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.slow
 def test_the_product_is_that_of_the_dense_matrix(seed: int) -> None:
-    matrix, _, dense = problem(seed)
-    x, y = np.random.default_rng(seed).normal(size=len(dense)), np.zeros(len(dense))
-    multiply(matrix, x, y)
-    assert np.allclose(y, dense @ x, rtol=1e-13, atol=1e-12)
+    matrix, by, sharing, dense = problem(seed)
+    p, q = sharing.room[2:]
+    for _ in range(2):  # nothing is left of one in the next
+        p[:] = np.random.default_rng(seed).normal(size=len(dense))
+        multiply(matrix, by, sharing, open_agenda())
+        assert np.allclose(q, dense @ p, rtol=1e-13, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.slow
 def test_the_preconditioner_is_the_turned_inverse(seed: int) -> None:
-    _, by, dense = problem(seed)
+    matrix, by, sharing, dense = problem(seed)
     rng = np.random.default_rng(seed)
     for rotation in by.rotations:
         rotation[:] = rotation_exp(rng.normal(size=3))
     turn = np.zeros_like(dense)
     for n, rotation in enumerate(by.rotations):
         turn[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = rotation
-    r, z = 1e-30 * rng.normal(size=len(dense)), np.zeros(len(dense))
-    precondition(by, 1e-30, r, z)
+    r, z = sharing.room[:2]
+    r[:] = 1e-30 * rng.normal(size=len(dense))
+    precondition(matrix, by, sharing, 1e-30, open_agenda())
     wanted = turn @ np.linalg.solve(dense, turn.T @ r)
     assert np.abs(z - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.slow
 def test_a_poor_preconditioner_costs_iterations_but_no_accuracy(seed: int) -> None:
-    matrix, by, dense = problem(seed)
+    matrix, by, sharing, dense = problem(seed)
     rng = np.random.default_rng(seed)
-    b, x, room = rng.normal(size=len(dense)), np.zeros(len(dense)), np.zeros((4, len(dense)))
-    few = conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 100, room)
+    b, x = rng.normal(size=len(dense)), np.zeros(len(dense))
+    few = conjugate_gradients(matrix, by, sharing, b, x, 1e-12, 0.0, 100, open_agenda())
     assert np.abs(x - np.linalg.solve(dense, b)).max() < 1e-11
     for rotation in by.rotations:
         rotation[:] = rotation_exp(0.5 * rng.normal(size=3))
-    many = conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 200, room)
+    many = conjugate_gradients(matrix, by, sharing, b, x, 1e-12, 0.0, 200, open_agenda())
     assert 0 < few < many
     assert np.abs(x - np.linalg.solve(dense, b)).max() < 1e-11
 
 
 def test_what_cannot_be_solved_is_told() -> None:
-    matrix, by, dense = problem(0)
-    b, x, room = np.ones(len(dense)), np.zeros(len(dense)), np.zeros((4, len(dense)))
+    matrix, by, sharing, dense = problem(0)
+    b, x = np.ones(len(dense)), np.zeros(len(dense))
     by.rotations[:] = rotation_exp(np.array([0.4, -0.3, 0.6]))
-    assert conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 1, room) == -1
-    assert conjugate_gradients(matrix, by, 0.0 * b, x, 1e-12, 0.0, 9, room) == 0
+    assert conjugate_gradients(matrix, by, sharing, b, x, 1e-12, 0.0, 1, open_agenda()) == -1
+    assert conjugate_gradients(matrix, by, sharing, 0.0 * b, x, 1e-12, 0.0, 9, open_agenda()) == 0
     assert not x.any()
-    assert conjugate_gradients(matrix, by, np.nan * b, x, 1e-12, 0.0, 9, room) == -2
+    assert conjugate_gradients(matrix, by, sharing, np.nan * b, x, 1e-12, 0.0, 9, open_agenda()) == -2
     matrix.panels[:] *= -1.0
-    assert conjugate_gradients(matrix, by, b, x, 1e-12, 0.0, 9, room) == -2
+    assert conjugate_gradients(matrix, by, sharing, b, x, 1e-12, 0.0, 9, open_agenda()) == -2

@@ -20,7 +20,17 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.robots.finger_mesh import HEIGHT, LENGTH, LEVELS, SPINE, WIDTH, finger, main
+from softsim_core.robots.finger_mesh import (
+    HEIGHT,
+    LENGTH,
+    LEVELS,
+    NOTCH_DEPTH,
+    SLANT,
+    SPINE,
+    WIDTH,
+    finger,
+    main,
+)
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
 NODES = {"coarse": 62, "low": 192, "mid": 1055}
@@ -108,9 +118,26 @@ def test_committed_files_are_what_the_generator_writes(tmp_path: Path, level: st
     )
 
 
+@pytest.mark.parametrize("depth", [0.004, 0.007, 0.0125])
+def test_notches_of_another_depth(depth: float, level: str, mesh: TetMesh) -> None:
+    """Each of the two takes a triangle more, or less, out of the side view."""
+    other = finger(LEVELS[level], notch_depth=depth)
+    report = check_tets(other)
+    assert (report.inverted, report.duplicate_nodes) == (0, 0)
+    assert not report.warnings or level == "coarse"  # its columns have no point beside a deep notch
+    surface = boundary_surface(other)
+    assert is_closed(surface.triangles)
+    assert euler_number(surface.triangles) == 2
+    removed = 2 * SLANT * (depth - NOTCH_DEPTH) * WIDTH
+    assert check_tets(mesh).volume - report.volume == pytest.approx(removed, rel=1e-9)
+
+
 def test_refusals(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(MeshError, match="must be >= 0"):
         finger(-1)
+    for depth in (0.001, 0.014, np.nan):
+        with pytest.raises(MeshError, match="notch_depth"):
+            finger(notch_depth=depth)
     (tmp_path / "file").write_text("x")
     with pytest.raises(SystemExit) as caught:
         main(["--out", str(tmp_path / "file")])

@@ -164,7 +164,7 @@ def _written(text: str, name: str = "own.yaml") -> Path:
         ("cable", "{body: finger, points: 3}", r"cable\.points: must be a list, not 3"),
         ("cable", "{body: finger, points: [[0, 0, 0]]}", r"cable\.points: must be at least 2 points, not 1"),
         ("cable", "{body: toe, points: [[0, 0, 0], [1, 0, 0]]}", "unknown body of cable pull 'toe'"),
-        ("cable", "{body: finger}", r"cable\.points: is missing"),
+        ("cable", "{body: finger}", r"cable\.points: must be at least 2 points, not 0"),
     ],
 )
 def test_wrong_cables_in_a_file(key: str, value: str, sentence: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import re
 import subprocess
 import sys
@@ -58,11 +59,13 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.files",
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
+    "softsim_core.wrong_names",
 )
-"""What servo_bridge uses of the core: errors, units, limits, checks of commands, robots and their loader."""
+"""What servo_bridge uses of the core: errors, names, units, limits, commands, robots and their loader."""
 
 LAYERS = (
     ("errors", "kernels", "units"),
+    ("wrong_names",),
     ("arrays",),
     ("values", "registry"),
     ("linalg",),
@@ -75,11 +78,14 @@ LAYERS = (
     ("dynamics",),
     ("sensing",),
     ("scene",),
-    ("robots",),
+    ("editing",),
+    ("robots", "mjcf"),
     ("simulation",),
-    ("inverse", "warmup"),
+    ("inverse", "warmup", "batch"),
     ("observer",),
     ("identification",),
+    ("learning",),
+    ("study",),
 )
 """Folders and files of softsim_core, lowest first; the last ones run whole simulations."""
 
@@ -146,9 +152,15 @@ def sources(package: str) -> list[Path]:
     return sorted((REPOSITORY / package).rglob("*.py"))
 
 
+@functools.cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@functools.cache
 def imported(file: Path) -> list[tuple[str, int]]:
     package = ".".join(file.relative_to(REPOSITORY).parent.parts)
-    return list(imports(ast.parse(file.read_text()), package))
+    return list(imports(parsed(file), package))
 
 
 def within(name: str, modules: tuple[str, ...]) -> bool:
@@ -228,7 +240,7 @@ def test_the_physics_does_not_mention_keys_boards_poses_views_or_ros() -> None:
     found = [
         f"{file.relative_to(REPOSITORY)}:{line} says {word}"
         for file in physics()
-        for word, line in robot_words(ast.parse(file.read_text()))
+        for word, line in robot_words(parsed(file))
     ]
     assert found == []
 
@@ -247,7 +259,7 @@ def test_functions_of_the_core_take_at_most_eight_arguments() -> None:
     """But for compiled kernels, which take named groups of arrays beside numbers."""
     found = []
     for file in sources("softsim_core"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(parsed(file)):
             if isinstance(node, ast.FunctionDef):
                 marks = {ast.unparse(mark) for mark in node.decorator_list}
                 names = [
@@ -290,7 +302,7 @@ def test_the_bridge_uses_only_errors_units_limits_and_robot_configs() -> None:
 
 def library_part(file: Path) -> Iterator[ast.AST]:
     """Everything in a module but the blocks that run when it is a program (`if __name__ == "__main__"`)."""
-    for node in ast.parse(file.read_text()).body:
+    for node in parsed(file).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test).startswith("__name__ ==")):
             yield from ast.walk(node)
 

@@ -58,6 +58,7 @@ def swing(simulation: Simulation, step: int) -> None:
         "tripod_quadratic",
     ],
 )
+@pytest.mark.slow
 def test_steps_are_those_of_a_factor(name: str) -> None:
     direct, iterated = both(name)
     apart, count = 0.0, 0
@@ -93,6 +94,7 @@ def hanging(solver: str, young_modulus: float = 30e3, mesh: TetMesh | None = Non
     )
 
 
+@pytest.mark.slow
 def test_a_bar_that_hangs_down_comes_to_rest_where_a_factor_takes_it() -> None:
     direct, iterated = hanging("supernodal"), hanging("iterative")
     most = 0

@@ -90,8 +90,11 @@ def test_importing_is_light(line: str, absent: set[str]) -> None:
 
 
 def test_the_version_is_that_of_the_packages() -> None:
-    versions = re.findall(r'^version = "(.+)"', (REPOSITORY / "pyproject.toml").read_text(), re.MULTILINE)
+    project = (REPOSITORY / "pyproject.toml").read_text()
+    assert 'version = { attr = "softsim_core.__version__" }' in project
+    versions: list[str] = []
     for file in (REPOSITORY / "ros2_ws" / "src").glob("*/package.xml"):
         versions += re.findall(r"<version>(.+)</version>", file.read_text())
     assert len(versions) > 1
+    versions += re.findall(r"^version: (.+)$", (REPOSITORY / "CITATION.cff").read_text(), re.MULTILINE)
     assert set(versions) == {softsim_core.__version__}

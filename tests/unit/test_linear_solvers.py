@@ -71,6 +71,7 @@ def assert_close(found: Array, expected: Array) -> None:
 
 @pytest.mark.parametrize(("nodes", "dense"), SIZES)
 @pytest.mark.parametrize("scalars", [0, 1, 2])
+@pytest.mark.slow
 def test_solve_and_schur_agree_with_dense_algebra(solver: str, nodes: int, dense: int, scalars: int) -> None:
     rng = np.random.default_rng(100 * nodes + dense)
     matrix = random_matrix(nodes, dense, rng, scalars)
@@ -163,7 +164,7 @@ def test_a_scene_chooses_by_name(solver: str, small: Any) -> None:
         for _ in range(5):
             simulation.step()
         assert simulation.report.positive
-    assert_close(other.positions, plain.positions)
+    np.testing.assert_allclose(other.positions, plain.positions, rtol=0, atol=1e-8)  # contact is iterated
     joints = plain.joint_positions + np.array([0.05, 0.001])
     assert_close(other.equilibrium(joints).state.positions, plain.equilibrium(joints).state.positions)
     assert_close(other.reduced_stiffness(), plain.reduced_stiffness())

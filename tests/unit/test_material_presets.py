@@ -55,9 +55,9 @@ def test_a_name_is_found_however_it_is_written(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("Dragon Skin 10", "unknown material 'Dragon Skin 10'; did you mean: Dragon Skin 10 MEDIUM"),
-        ("Dragonskin 2O", "did you mean: Dragon Skin 20"),
-        ("steel", "unknown material 'steel'; .*`softsim material` lists all"),
+        ("Dragon Skin 10", "unknown material 'Dragon Skin 10'; did you mean Dragon Skin 10 MEDIUM"),
+        ("Dragonskin 2O", "did you mean Dragon Skin 20"),
+        ("steel", "unknown material 'steel'; known: .* and \\d+ more \\(all: softsim material\\)"),
         ("", "unknown material ''"),
     ],
 )
@@ -89,7 +89,7 @@ def test_scene_files_name_presets(tmp_path: Path, text: str, plain: dict[str, ob
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("Ecoflex", "material: unknown material 'Ecoflex'; did you mean: Ecoflex 00-10"),
+        ("Ecoflex", "material: unknown material 'Ecoflex'; did you mean Ecoflex 00-10"),
         ("{preset: 3}", "preset: must be the name of a material, not 3"),
         ("{preset: RTV615, law: corotational}", "law: RTV615: no constants for the law 'corotational'"),
         ("{preset: RTV615, stiffness_factor: 0}", "stiffness_factor: must be > 0, not 0"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softsim_core.errors import ConfigError, SceneError
-from softsim_core.mesh import TetMesh, box_mesh, linear, quadratic, read_tets
+from softsim_core.mesh import TetMesh, box_mesh, linear, quadratic, read_tets, write_tets
 from softsim_core.mesh.faces import boundary_faces
 from softsim_core.scene import load_scene
 from softsim_core.simulation import Simulation
@@ -105,10 +105,49 @@ def test_a_scene_by_groups_moves_as_one_by_boxes(order: int, tmp_path: Path) -> 
     assert np.abs(ends[0] - read_tets(tmp_path / "beam.msh").points).max() > 1e-5
 
 
+TOUCHED = """
+rigid_bodies: [{{name: plate, shape: {{box: [0.02, 0.1, 0.1]}}, pose: {{translation: [0.0702, 0.0, 0.0]}}}}]
+collisions:
+  - {{name: beam, body: beam, {faces}}}
+  - {{name: plate, body: plate}}
+"""
+TIP_BOX = "boxes: [{center: [0.06, 0.01, 0.01], size: [0.0002, 0.03, 0.03]}]"
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_group_of_faces_touches_as_a_box_around_them(order: int, tmp_path: Path) -> None:
+    gmsh_file(tmp_path, order)
+    places = []
+    for faces in ("faces: tip", TIP_BOX):
+        text = SCENE.format(**BOXES) + TOUCHED.format(faces=faces)
+        (tmp_path / "beam.yaml").write_text(text)
+        simulation = Simulation(load_scene(tmp_path / "beam.yaml"), backend="scipy")
+        collisions = simulation._contacts
+        assert collisions is not None
+        (touching,) = (each for each in collisions.surfaces if each.name == "beam")
+        assert len(touching.triangles) == 8 * (4 if order == 2 else 1)
+        places.append(np.sort(collisions._nodes[touching.vertices]))
+    assert np.array_equal(*places)
+
+
+@pytest.mark.parametrize(
+    ("faces", "said"),
+    [
+        ("faces: tpi", "collision beam: body beam has no group 'tpi' of faces in its mesh; did you mean tip"),
+        (f"faces: tip, {TIP_BOX}", "`faces` names all of its triangles"),
+    ],
+)
+def test_a_wrong_group_of_faces_is_one_sentence(faces: str, said: str, tmp_path: Path) -> None:
+    gmsh_file(tmp_path, 1)
+    (tmp_path / "beam.yaml").write_text(SCENE.format(**BOXES) + TOUCHED.format(faces=faces))
+    with pytest.raises((ConfigError, SceneError), match=said):
+        Simulation(load_scene(tmp_path / "beam.yaml"), backend="scipy")
+
+
 @pytest.mark.parametrize(
     ("key", "words", "said"),
     [
-        ("wall", "group: clmp", "no group 'clmp'; its groups are .*clamp"),
+        ("wall", "group: clmp", "no group 'clmp'; did you mean clamp\\? its groups are .*clamp"),
         ("load", "group: none", "no group 'none'"),
         ("wall", "group: clamp, box: {center: [0, 0, 0], size: [1, 1, 1]}", "box, sphere, end and group"),
         ("load", "sphere: {center: [0, 0, 0], radius: 1}, group: heavy", "exactly one of"),
@@ -134,3 +173,62 @@ def test_a_mesh_of_arrays_has_groups_of_its_own(tmp_path: Path) -> None:
     simulation.step()
     still = np.flatnonzero((simulation.positions == before).all(axis=1))
     assert still.tolist() == [0, 1, 2]
+
+
+CABLE = """
+name: beam
+dt: 0.01
+bodies:
+  - name: beam
+    mesh: {{file: beam.msh}}
+    material: {{young_modulus: 2.0e+5, poisson_ratio: 0.4}}
+    total_mass: 0.02
+attachments:
+  - {{name: wall, body: beam, to: world, group: clamp}}
+joints:
+  - {{name: cable, kind: cable, cable: {{body: beam, {cable}}}}}
+"""
+ALONG = tuple((x, 0.0, 0.02) for x in np.linspace(0.01, 0.06, 6).round(9).tolist())
+
+
+def cable_file(folder: Path, cable: str) -> Path:
+    mesh = box_mesh(LENGTHS, (6, 2, 2))
+    nodes = [int(np.argmin(np.linalg.norm(mesh.points - point, axis=1))) for point in ALONG]
+    left = np.flatnonzero(np.isclose(mesh.points[:, 0], 0.0))
+    groups = {"clamp": left, "tendon": np.array(nodes[::-1])}
+    write_tets(folder / "beam.msh", replace(mesh, groups=groups))
+    (folder / "beam.yaml").write_text(CABLE.format(cable=cable))
+    return folder / "beam.yaml"
+
+
+@pytest.mark.parametrize(("at", "order"), [(-0.02, 1), (0.08, -1)])
+def test_a_cable_through_a_group_is_one_through_its_points(at: float, order: int, tmp_path: Path) -> None:
+    """From the pull point on, whichever way the group is numbered."""
+    ends = []
+    for through in ("group: tendon", f"points: {[list(point) for point in ALONG[::order]]}"):
+        file = cable_file(tmp_path, f"{through}, pull_point: [{at}, 0.0, 0.02]")
+        simulation = Simulation(load_scene(file), backend="scipy")
+        simulation.command([0.002])
+        for _ in range(5):
+            simulation.step()
+        ends.append(simulation.positions.copy())
+    assert np.array_equal(ends[0], ends[1])
+    assert np.abs(ends[0] - read_tets(tmp_path / "beam.msh").points).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("cable", "said"),
+    [
+        ("group: tendn, pull_point: [0.0, 0.0, 0.0]", "no group 'tendn'; its groups are clamp, tendon"),
+        ("group: tendon", "a group has no first point; give a pull_point"),
+        (
+            "group: tendon, points: [[0.0, 0.0, 0.0]], pull_point: [0.0, 0.0, 0.0]",
+            "points or a group, not both",
+        ),
+        ("pull_point: [0.0, 0.0, 0.0]", "at least 1 points"),
+    ],
+)
+def test_a_wrong_group_of_a_cable_is_one_sentence(cable: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises((ConfigError, SceneError), match=said) as refusal:
+        Simulation(load_scene(cable_file(tmp_path, cable)), backend="scipy")
+    assert "\n" not in str(refusal.value)

@@ -1,4 +1,4 @@
-"""Our own Tripod silicone: dimensions, symmetry, element shapes, zones, and the committed files."""
+"""Our own Tripod silicone: dimensions, symmetry, element shapes, regions, and the committed files."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_arms_point_to_180_300_and_60_degrees(silicone: TetMesh) -> None:
     assert angles == {180, 300, 60}
 
 
-def test_zones_of_the_robot_are_equal_on_the_three_arms(level: str, silicone: TetMesh) -> None:
+def test_regions_of_the_robot_are_equal_on_the_three_arms(level: str, silicone: TetMesh) -> None:
     robot = yaml.safe_load((CONFIGS / "robots" / "tripod.yaml").read_text())
     body = place(silicone.points, Placement(**robot["bodies"][0]["mesh"]["placement"]))
     attachments = {attachment["name"]: attachment for attachment in robot["attachments"]}

@@ -18,6 +18,7 @@ from softsim_ros.messages.sensors import told_of
 from softsim_ros.topic_names import topic_words
 
 
+@pytest.mark.slow
 def test_the_orientation_of_an_imu_is_what_the_closed_loop_takes() -> None:
     noise = 0.01
     units = (

@@ -85,17 +85,17 @@ def test_other_tripods_are_valid() -> None:
         ({"tips": "none", "centre_radius": None}, [], None),
     ],
 )
-def test_zones_can_be_left_out(options: dict[str, Any], targets: list[str], effector: str | None) -> None:
+def test_regions_can_be_left_out(options: dict[str, Any], targets: list[str], effector: str | None) -> None:
     scene = described(parts.tripod(**options))
     assert [attachment.to for attachment in scene.scene.attachments] == targets
     assert scene.scene.effector == effector
 
 
 def test_free_tips_start_at_the_ends_of_the_arms() -> None:
-    for zone, joint in zip(parts.tripod(tips="free").attachments[:3], parts.tripod().joints, strict=True):
+    for region, joint in zip(parts.tripod(tips="free").attachments[:3], parts.tripod().joints, strict=True):
         x, y, z = joint.base.translation
-        assert zone.frame.translation == pytest.approx((x, y, z + 0.025))
-        assert zone.frame.rotation_deg == joint.base.rotation_deg
+        assert region.frame.translation == pytest.approx((x, y, z + 0.025))
+        assert region.frame.rotation_deg == joint.base.rotation_deg
 
 
 def test_parts_can_be_used_several_times() -> None:

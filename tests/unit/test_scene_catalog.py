@@ -79,10 +79,13 @@ def test_python_scenes_of_a_config_path_are_known_but_do_not_run(
         SceneCatalog(start_folder=start_folder.parent).load("foreign")
 
 
-def test_a_refusal_lists_ten_names_and_a_near_one(start_folder: Path) -> None:
-    with pytest.raises(ConfigError, match=r"did you mean tripod\?.* and \d+ more; ") as caught:
+def test_a_refusal_has_the_near_name_or_the_first_five(start_folder: Path) -> None:
+    with pytest.raises(ConfigError, match=r"did you mean tripod\?; another file") as caught:
         SceneCatalog(start_folder=start_folder).load("tripdo")
-    assert str(caught.value).count(",") < 12
+    assert str(caught.value).count(",") == 0
+    with pytest.raises(ConfigError, match=r"known are .* and \d+ more; another file") as caught:
+        SceneCatalog(start_folder=start_folder).load("quadruped")
+    assert str(caught.value).count(",") == 4
 
 
 def test_a_start_folder_that_is_gone_holds_no_scenes(

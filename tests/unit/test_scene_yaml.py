@@ -27,7 +27,7 @@ from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.structure import structure_scene, unstructure_scene
 from softsim_core.scene.view import ViewSettings
-from softsim_core.scene.yaml_source import SourcedMapping, key_path
+from softsim_core.scene.yaml_source import SourcedMapping, key_path, read_yaml
 from softsim_core.values import Box, MeshFile, Placement, Sphere
 
 MINIMAL = """\
@@ -446,6 +446,7 @@ def test_aliases_count_as_all_they_stand_for() -> None:
 
 
 @pytest.mark.parametrize("text", ["a: " + 20_000 * "[", "a: " + 20_000 * "{a: ", "- " * 20_000])
+@pytest.mark.slow
 def test_deep_nesting_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(ConfigError):
         read_overrides(text)
@@ -454,3 +455,16 @@ def test_deep_nesting_is_refused_in_a_sentence(text: str) -> None:
 def test_endless_text_is_refused_before_it_is_parsed() -> None:
     with pytest.raises(ConfigError, match="is longer than 4000000 characters"):
         read_overrides("#" * 4_000_001)
+
+
+def test_a_file_that_is_read_again_gives_data_of_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "twice.yaml"
+    file.write_text("a: &a {b: 1}\nc: *a\n")
+    first = read_yaml(file)
+    first["a"]["b"] = 2
+    again = read_yaml(file)
+    assert again == {"a": {"b": 1}, "c": {"b": 1}}
+    assert again["a"] is again["c"]
+    assert again["a"].file_of("b") == file
+    file.write_text("a: {b: 3}\n")
+    assert read_yaml(file) == {"a": {"b": 3}}

@@ -86,6 +86,7 @@ def test_noise_depends_on_seed_and_name_alone() -> None:
     assert not np.isclose(shaken_values(renamed, "z", 5), alone).any()
 
 
+@pytest.mark.slow
 def test_noise_has_the_size_that_is_asked_for_and_a_bias() -> None:
     still = ImuDescription(
         name="imu",
@@ -191,7 +192,7 @@ def test_sensors_come_from_files_and_go_through_text(described: RobotDescription
         (
             "{name: a}",
             "sensors[0].kind",
-            "must be one of wrench, tactile, strain, imu, markers, cable, chamber",
+            "must be one of wrench, force_torque, tactile, strain, imu, markers, cable, chamber",
         ),
         ("{name: a, kind: nose}", "sensors[0].kind", "not 'nose'"),
         ("3", "sensors[0]", "must be a mapping with keys among name, rate, seed"),

@@ -32,7 +32,7 @@ class Heard:
     def hear(self, name: str) -> None:
         robot = load_scene(name)
         self._generation += 1
-        empty: dict[str, Any] = {key: [] for key in ("frames", "bodies", "zones", "scenes")}
+        empty: dict[str, Any] = {key: [] for key in ("frames", "bodies", "regions", "scenes")}
         places = {"": [str(robot.source), 1]}
         told = {"generation": self._generation, "description": write_description(robot), "overrides": ""}
         self._callback(String(data=json.dumps({**told, **empty, "places": places})))

@@ -127,6 +127,7 @@ def test_a_stiffer_body_sags_less(backend: Backend) -> None:
     assert sags[0] / sags[1] == pytest.approx(2.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow(backend: Backend) -> None:
     """Neither arrays nor the process: after 200 steps there are no more than after 20."""
 

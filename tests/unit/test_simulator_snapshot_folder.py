@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from softsim_core import load_scene
 from softsim_core.errors import SnapshotError
-from softsim_ros.simulator.snapshot_folder import SnapshotFolder, default_folder
+from softsim_ros.simulator.snapshot_folder import SnapshotFolder, default_folder, default_name
 
 
 def test_the_default_folder_follows_xdg() -> None:
@@ -60,3 +61,21 @@ def test_what_cannot_be_read_or_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(SnapshotError, match="not written"):
         SnapshotFolder(tmp_path / "file").write("robot", b"data")
+
+
+@pytest.mark.parametrize(
+    ("namespace", "name"),
+    [
+        ("/tripod", "tripod"),
+        ("/", "tripod"),
+        ("/left", "left.tripod"),
+        ("/lab/left", "lab.left.tripod"),
+        ("/_hidden", "hidden.tripod"),
+        ("/" + 200 * "a", 57 * "a" + ".tripod"),
+    ],
+)
+def test_robots_of_one_kind_in_two_namespaces_have_two_snapshots(
+    tmp_path: Path, namespace: str, name: str
+) -> None:
+    assert default_name(load_scene("tripod"), namespace) == name
+    SnapshotFolder(tmp_path).write(name, b"data")

@@ -61,7 +61,7 @@ def test_the_structure_names_what_the_topics_number() -> None:
     assert body["triangles"] == [0, len(simulation.visual_triangles)]
     assert body["nodes"] == [0, len(simulation.positions)]
     assert parts["frames"] == list(simulation.frames())
-    assert {zone["name"]: zone["to"] for zone in parts["zones"]} == {
+    assert {region["name"]: region["to"] for region in parts["regions"]} == {
         "tip_0": "servo_0",
         "tip_1": "servo_1",
         "tip_2": "servo_2",

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_scenes import body, jittered, machine, scene, slab
+from small_scenes import assert_same, body, jittered, machine, scene, slab
 
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.mechanics.control import Control
@@ -21,27 +21,6 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 LAWS = ("polar", "qr")
-QUANTITIES = (
-    "positions",
-    "velocities",
-    "frame_positions",
-    "frame_rotations",
-    "reduced_velocities",
-    "joint_positions",
-    "joint_efforts",
-    "base_positions",
-    "base_shift",
-)
-
-
-def assert_same(fast: State, readable: State, tolerance: float) -> None:
-    """Equal, relative to the largest entry of each quantity or 1e-3 of its unit."""
-    for quantity in QUANTITIES:
-        expected = getattr(readable, quantity)
-        scale = np.abs(expected).max(initial=1e-3)
-        np.testing.assert_allclose(
-            getattr(fast, quantity), expected, rtol=0, atol=tolerance * scale, err_msg=quantity
-        )
 
 
 def run_both(
@@ -87,7 +66,7 @@ CASES: dict[str, dict[str, Any]] = {
     "soft": {"attachments": (slab("soft", "world", 0.0, stiffness=1e5),)},
     "free frame": {"attachments": (slab("frame", "free", 0.0),)},
     "two free frames": {"attachments": (slab("a", "free", 0.0), slab("b", "free", 0.06))},
-    "two zones on one joint": {
+    "two regions on one joint": {
         "joints": (JointDescription(name="hinge", axis=(0.0, 1.0, 0.0)),),
         "attachments": (slab("a", "hinge", 0.0), slab("b", "hinge", 0.06)),
     },
@@ -194,10 +173,10 @@ def test_a_held_body_does_not_move() -> None:
 def test_only_joints_move() -> None:
     """No free node: a rigid block on a compliant hinge."""
     mesh = box_mesh((0.02, 0.01, 0.01), (2, 1, 1))
-    zones = tuple(slab(f"zone_{i}", "hinge", 0.01 * i) for i in range(3))
+    regions = tuple(slab(f"region_{i}", "hinge", 0.01 * i) for i in range(3))
     turn = Placement(translation=(0.0, 0.0, 0.1))
     hinge = JointDescription(name="hinge", base=turn, axis=(0.0, 1.0, 0.0), stiffness=1.0, inertia=1e-4)
-    last = run_both(scene(body(mesh, total_mass=0.1), joints=(hinge,), attachments=zones), 50, 1)
+    last = run_both(scene(body(mesh, total_mass=0.1), joints=(hinge,), attachments=regions), 50, 1)
     rotated = (mesh.points - [0.0, 0.0, 0.1]) @ rotation_exp(
         last.joint_positions[0] * np.array([0.0, 1.0, 0.0])
     ).T

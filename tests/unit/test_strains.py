@@ -10,7 +10,7 @@ import pytest
 from small_scenes import body, jittered, scene
 
 from softsim_core.dynamics.strains import strain_measure
-from softsim_core.fem.assembly import inverted_cells, strain_change
+from softsim_core.fem.cells import inverted_cells, strain_change
 from softsim_core.fem.group import ElementGroup
 from softsim_core.mechanics.model import Model
 from softsim_core.mesh import box_mesh, quadratic

@@ -243,7 +243,21 @@ def test_a_robot_may_bind_the_built_in_keys_itself() -> None:
     robot = replace(TRIPOD, keys={"x": KeyBinding(pose="mid", help="mid pose")})
     assert published(MEASURED, "x", robot=robot) == pytest.approx((-3.14 / 3,) * 3)
     assert press(MEASURED, robot, KeyPress("c", True), 0.0)[1] == (Quit(),)
-    assert list(key_table(robot)) == ["x", "space", "r"]
+    assert list(key_table(robot)) == ["x", "space", "r", "enter", "e"]
+
+
+def test_the_e_stop_acts_at_every_press_and_only_where_there_is_a_board() -> None:
+    state = MEASURED
+    for at in (0.0, 0.1, 0.2):  # pressed in fright, again and again
+        state, effects = press(state, TRIPOD, KeyPress("enter"), at)
+        assert effects == (CallAction("e_stop"),)
+    state, effects = press(state, TRIPOD, KeyPress("e"), 0.3)
+    assert effects == (CallAction("clear_e_stop"),)
+    assert press(state, TRIPOD, KeyPress("e"), 0.4)[1] == ()  # held
+    assert press(state, TRIPOD, KeyPress("enter"), 0.5)[1] == (CallAction("e_stop"),)
+    assert "enter" not in key_table(load_scene("cable_gripper"))
+    stopping = press(MEASURED.knowing(inverse=True), TRIPOD, KeyPress("enter"), 0.0)
+    assert stopping[1] == (CallAction("e_stop"),)
 
 
 def test_keys_no_terminal_sends_are_named() -> None:

@@ -201,6 +201,7 @@ TERMINAL_LIKE = st.lists(
 @seed(20)
 @settings(max_examples=400, deadline=None)
 @given(data=st.one_of(st.binary(max_size=80), TERMINAL_LIKE), cuts=st.lists(st.integers(0, 200), max_size=10))
+@pytest.mark.slow
 def test_any_bytes_in_any_chunks_give_the_same_known_keys(data: bytes, cuts: list[int]) -> None:
     whole = KeyDecoder().feed(data)
     assert all(key.name in KEY_NAMES for key in whole)
@@ -212,6 +213,7 @@ def test_any_bytes_in_any_chunks_give_the_same_known_keys(data: bytes, cuts: lis
 @seed(21)
 @settings(max_examples=200, deadline=None)
 @given(data=st.one_of(st.binary(max_size=80), TERMINAL_LIKE))
+@pytest.mark.slow
 def test_after_silence_the_decoder_is_ready_again(data: bytes) -> None:
     decoder = KeyDecoder()
     decoder.feed(data, now=0.0)

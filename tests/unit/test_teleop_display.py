@@ -65,6 +65,13 @@ def test_a_usual_terminal_shows_everything() -> None:
     ]
 
 
+def test_a_latched_e_stop_is_shown_with_the_key_that_releases_it() -> None:
+    text = "\n".join(shown(replace(STATE, bridge="comm", e_stopped=True)))
+    assert "servo bridge: E-STOP latched, e releases it; comm (sending)" in text
+    assert "enter  E-STOP" in text
+    assert "E-STOP latched" not in "\n".join(shown())
+
+
 @pytest.mark.parametrize(("age", "stays"), [(0.0, True), (WARNING_S, True), (WARNING_S + 0.1, False)])
 def test_a_warning_stands_beside_the_answer_for_a_while(age: float, stays: bool) -> None:
     lines = shown(warning="servo_bridge: no answer", warned_at=5.0, now=5.0 + age)

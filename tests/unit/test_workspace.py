@@ -40,6 +40,7 @@ def test_it_looks_at_corners_and_between(tripod: Workspace) -> None:
     assert tripod.base_shift == 0.035
 
 
+@pytest.mark.slow
 def test_what_it_says_of_the_tripod(tripod: Workspace) -> None:
     summary = tripod.summary()
     assert 1e-6 < summary["volume_m3"] < 50e-6

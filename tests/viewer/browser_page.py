@@ -37,7 +37,7 @@ class BrowserPage:
     """One tab with the page; only one that `draws` fills its canvas."""
 
     def __init__(
-        self, browser: Any, address: str, *, width: int = 1000, height: int = 640, draws: bool = False
+        self, browser: Any, address: str, *, width: int = 1300, height: int = 640, draws: bool = False
     ) -> None:
         self.requests: list[str] = []
         self.errors: list[str] = []
@@ -76,7 +76,7 @@ class BrowserPage:
     def tab(self, name: str) -> None:
         """Choose a tab. While the page has lost its connection, nothing in the panel can be clicked."""
         try:
-            self.page.get_by_role("tab", name=name, exact=True).click()
+            self.page.get_by_role("tab", name=name, exact=True).click(no_wait_after=True)
         except Exception as error:
             raise AssertionError(f"{error}\n\nthe page's connection: {self.connection}") from error
 

@@ -48,7 +48,7 @@ def sends(driven: Driven, label: str) -> None:
 
 
 def stops_and_releases(driven: Driven, _: str) -> None:
-    driven.page.click("Start / stop sending")
+    driven.page.click("Start / stop sending to the board")
     assert driven.until(lambda: driven.bridge_state() == "active")
     assert driven.reports(BOARD, "e_stop", "False")
     driven.page.click("E-STOP")
@@ -57,7 +57,7 @@ def stops_and_releases(driven: Driven, _: str) -> None:
     driven.page.click("Release e-stop")
     assert driven.reports(BOARD, "e_stop", "False")
     assert driven.shows("no e-stop")
-    driven.page.click("Start / stop sending")
+    driven.page.click("Start / stop sending to the board")
     assert driven.until(lambda: driven.bridge_state() == "inactive")
 
 
@@ -146,25 +146,42 @@ def saves_a_picture(driven: Driven, label: str) -> None:
     assert picture[..., :3].std() > 5.0  # the robot, not one colour
 
 
+def saves_a_clip(driven: Driven, label: str) -> None:
+    from PIL import Image
+
+    page = driven.page.page
+    page.evaluate("window.picturesAreDrawn = true")
+    with page.expect_download(timeout=120_000) as saved:
+        driven.page.click(label)
+    page.evaluate("window.picturesAreDrawn = false")
+    clip = Image.open(Path(saved.value.path()))
+    assert clip.format == "WEBP"
+    assert clip.size == (640, 480)
+
+
+def closes_the_hint(driven: Driven, label: str) -> None:
+    driven.page.click(label)
+    driven.page.page.get_by_text("drag turns").wait_for(state="hidden")
+
+
 Effect = Callable[[Driven, str], None]
 
 EFFECTS: Final[dict[str, tuple[str, Effect]]] = {
-    "Ctrl+Up: servo 0 up": ("Drive", partial(turns_a_joint, 0, 0.1)),
-    "Ctrl+Down: servo 0 down": ("Drive", partial(turns_a_joint, 0, -0.1)),
-    "Ctrl+Left: servo 1 up": ("Drive", partial(turns_a_joint, 1, 0.1)),
-    "Ctrl+Right: servo 1 down": ("Drive", partial(turns_a_joint, 1, -0.1)),
-    "Ctrl+Plus: servo 2 up": ("Drive", partial(turns_a_joint, 2, 0.1)),
-    "Ctrl+Minus: servo 2 down": ("Drive", partial(turns_a_joint, 2, -0.1)),
-    "Ctrl+A: start pose": ("Drive", partial(goes_to, START)),
-    "Ctrl+Q: mid pose": ("Drive", partial(goes_to, MID)),
-    "Ctrl+Z: high pose": ("Drive", partial(goes_to, HIGH)),
-    "Ctrl+B: send to the board": ("Drive", sends),
-    "Ctrl+I: inverse control": ("Drive", switches_inverse_control),
-    "Ctrl+Space: pause / go on": ("Drive", pauses),
-    "Ctrl+R: reset the simulation": ("Drive", partial(goes_to, 0.0)),
-    "Start / stop sending": ("Drive", sends),
+    "↑ up": ("Drive", partial(turns_a_joint, 0, 0.1)),
+    "↓ down": ("Drive", partial(turns_a_joint, 0, -0.1)),
+    "← up": ("Drive", partial(turns_a_joint, 1, 0.1)),
+    "→ down": ("Drive", partial(turns_a_joint, 1, -0.1)),
+    "+ up": ("Drive", partial(turns_a_joint, 2, 0.1)),
+    "− down": ("Drive", partial(turns_a_joint, 2, -0.1)),
+    "A start pose": ("Drive", partial(goes_to, START)),
+    "Q mid pose": ("Drive", partial(goes_to, MID)),
+    "Z high pose": ("Drive", partial(goes_to, HIGH)),
+    "B send to the board": ("Drive", sends),
+    "I inverse control": ("Drive", switches_inverse_control),
+    "Space pause / go on": ("Drive", pauses),
+    "R reset the simulation": ("Drive", partial(goes_to, 0.0)),
+    "Start / stop sending to the board": ("Drive", sends),
     "E-STOP": ("Drive", stops_and_releases),
-    "Release e-stop": ("Drive", stops_and_releases),
     "Run / pause": ("Plots", pauses),
     "Step": ("Plots", makes_one_step),
     "Reset": ("Plots", partial(goes_to, 0.0)),
@@ -172,6 +189,8 @@ EFFECTS: Final[dict[str, tuple[str, Effect]]] = {
     "Jump to the slowest step": ("Timing", jumps_to_the_slowest_step),
     "Reset view": ("View", brings_the_camera_back),
     "Save picture": ("View", saves_a_picture),
+    "Save clip": ("View", saves_a_clip),
+    "Close the hint": ("Drive", closes_the_hint),
 }
 """For each button the tab where it is clicked and the test of what it does."""
 
@@ -181,6 +200,13 @@ ELSEWHERE: Final = {
     "Apply changes": "test_scene_page.py",
     "Forget changes": "test_scene_page.py",
     "Save view": "test_scene_page.py",
+    "Undo": "test_edit_page.py",
+    "Redo": "test_edit_page.py",
+    "Discard": "test_edit_page.py",
+    "Apply": "test_edit_page.py",
+    "Save": "test_edit_page.py",
+    "Copy": "test_edit_page.py",
+    "Release e-stop": "test_buttons.py",
 }
 """Buttons whose effect another file tests; some are there only at times."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
@@ -21,6 +20,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
+from kernel_cache import copy_kernels
 from node_processes import domain_guards
 from tcp_ports import free_port
 
@@ -69,15 +69,6 @@ def checkout(tmp_path: Path) -> Path:
     return folder
 
 
-def copy_kernels(folder: Path) -> None:
-    """Numba's cache of these tests to where it looks for it in a copy of the sources."""
-    for cache in REPOSITORY.glob("softsim_core/**/__pycache__/kernels-*/*"):
-        package = folder / cache.parents[2].relative_to(REPOSITORY)
-        place = hashlib.sha1(str(package).encode()).hexdigest()
-        name = f"{cache.name.rpartition('_')[0]}_{place}"
-        shutil.copytree(cache, package / "__pycache__" / cache.parent.name / name)
-
-
 @pytest.fixture
 def path(tmp_path: Path, checkout: Path) -> str:
     """PATH with a maker of environments that fetches nothing."""
@@ -86,6 +77,12 @@ def path(tmp_path: Path, checkout: Path) -> str:
     (folder / "uv").write_text(MAKER.format(checkout=checkout, python=sys.executable))
     (folder / "uv").chmod(0o755)
     return f"{folder}{os.pathsep}{os.environ['PATH']}"
+
+
+def child_that_runs(module: str, parent: int) -> int:
+    """The process with that module's name on its command line."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return next(int(each) for each in children if module in Path(f"/proc/{each}/cmdline").read_text())
 
 
 def test_one_command_one_address_one_robot(
@@ -123,6 +120,8 @@ def test_one_command_one_address_one_robot(
         print(f"address after {told - ready:.1f} s, robot after {shown - ready:.1f} s")
         busy = os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
         assert shown - ready < SHOWN_WITHIN_S or busy
+        os.kill(child_that_runs("viewer_node", process.pid), signal.SIGKILL)
+        assert spin_until(lambda: "the web page has ended, the robot goes on" in log.read_text() or over())
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE_S) == 0
         assert len(re.findall(r"http://\S+", log.read_text())) == 1

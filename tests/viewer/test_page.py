@@ -125,6 +125,10 @@ def test_every_key_acts_with_ctrl_and_leaves_the_camera(driven: Driven) -> None:
         page.page.wait_for_timeout(HELD_MS)
         page.press(keys)
         assert driven.shows(second), keys
+    page.press("Control+Enter")
+    page.page.get_by_text("e-stop", exact=True).wait_for(state="visible")
+    page.press("Control+e")
+    assert driven.shows("no e-stop")
     page.press("Control+r")
     assert driven.joints_at(0.0, 0.0, 0.0)
     assert page.page.evaluate(position) == pytest.approx(camera, abs=1e-6)
@@ -269,7 +273,7 @@ def test_what_lies_inside_can_be_switched_on(driven: Driven) -> None:
     for words, node in (
         ("Finite elements", "/elements"),
         ("Nodes", "/nodes"),
-        ("Rigid zones and fixings", "/zones/centre"),
+        ("Rigid regions and fixings", "/regions/centre"),
     ):
         page.tick(words)
         page.wait_for_node(node)

@@ -39,6 +39,17 @@ CAMERA = {
     "image_width": 800,
 }
 
+CLICK = {
+    "type": "SceneNodeClickMessage",
+    "name": "/edit/bodies/part",
+    "instance_index": None,
+    "ray_origin": [0.0, 1.0, 2.0],
+    "ray_direction": [0.0, 0.0, -1.0],
+    "screen_pos": [0.5, 0.5],
+    "modifier": None,
+    "owner": "",
+}
+
 
 class Controls:
     """A page with one control of each kind, and what was done to them."""
@@ -87,7 +98,8 @@ def test_values_that_a_person_could_give_pass(controls: Controls) -> None:
         (controls.number, 9),
     ):
         assert controls.passes(handle, value=value), (handle, value)
-    assert controls.filter.passes(msgspec.msgpack.encode(CAMERA))
+    for message in (CAMERA, CLICK):
+        assert controls.filter.passes(msgspec.msgpack.encode(message))
 
 
 def test_other_values_do_not(controls: Controls) -> None:
@@ -122,6 +134,10 @@ def test_nothing_but_values_can_be_set(controls: Controls, name: str) -> None:
         {"type": "CommandTriggerMessage"},
         {"type": "CommandTriggerMessage", "uuid": "x", "more": 1},
         {"type": ["GuiUpdateMessage"]},
+        {**CLICK, "ray_origin": [0.0, 1.0]},
+        {**CLICK, "ray_direction": [0.0, float("nan"), 1.0]},
+        {**CLICK, "name": 3},
+        {**CLICK, "callback": "x"},
         {**CAMERA, "position": [0.0, 1.0]},
         {**CAMERA, "fov": float("nan")},
         {**CAMERA, "wxyz": [1e300, 0, 0, 0]},
@@ -184,6 +200,7 @@ def test_the_e_stop_cannot_be_disarmed(controls: Controls) -> None:
     assert controls.slider.value == 5.0
 
 
+@pytest.mark.slow
 def test_uploads_are_kept_nowhere_and_their_page_is_left(controls: Controls) -> None:
     start = {
         "type": "FileTransferStartUpload",
@@ -220,6 +237,7 @@ server.stop()
 """
 
 
+@pytest.mark.slow
 def test_broken_and_half_open_connections_say_nothing_and_keep_nobody_out() -> None:
     port = free_port()
     process = subprocess.Popen(

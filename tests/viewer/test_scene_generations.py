@@ -98,11 +98,11 @@ class Page:
         )
         self._now = 0.0
         self.picture.build(load_scene("tripod"))
-        self.picture.change(nodes=True, elements=True, zones=True)
+        self.picture.change(nodes=True, elements=True, regions=True)
 
     def _on_scene(self, robot: Any) -> None:
         self.picture.build(robot)
-        self.picture.change(nodes=True, elements=True, zones=True)
+        self.picture.change(nodes=True, elements=True, regions=True)
         self.picture.show_known()
 
     def hear(self, topic: str, message: Any) -> None:
@@ -126,6 +126,7 @@ def mixed(rng: random.Random, sent: list[tuple[str, Any]]) -> list[tuple[str, An
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_scenes_that_arrive_mixed_are_never_drawn_mixed(told: list[Told], seed: int) -> None:
     rng, page = random.Random(seed), Page()
     late: list[tuple[str, Any]] = []  # of the scene before, still under way

@@ -162,7 +162,7 @@ def test_normals_are_drawn_and_a_saved_view_is_gone_back_to(scene: Scene, tmp_pa
 
 def test_a_scene_begins_with_what_its_view_says(scene: Scene) -> None:
     assert scene.robot.set_parameters(robot="tripod_step_3") == (True, "")  # it has no joints, but a page
-    scene.page.wait_for_node("/zones/fixings")
+    scene.page.wait_for_node("/regions/fixings")
     scene.page.tab("View")
     boxes = scene.page.page.get_by_role("checkbox", name="Boxes and spheres that select nodes", exact=True)
     assert boxes.is_checked()

@@ -33,6 +33,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 EVIL = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\ndef create_scene(scene): pass\n"
 
 
+PROPOSAL = """{"revision": 9, "description": "name: tripod", "file": "/etc/passwd", "unsaved": "",
+"undoable": 0, "redoable": 0, "changed": false, "applied": true, "sentence": "", "routes": {},
+"chosen": [{"part": "%s", "count": 1, "points": [[%g, 0, 0]], "problem": ""}]}"""
+
+
 class Watched:
     """A viewer process and a node that tells it things."""
 
@@ -82,7 +87,14 @@ def test_a_scene_that_names_code_runs_none(viewer: Watched, tmp_path: Path) -> N
     program = tmp_path / "evil.py"
     program.write_text(EVIL)
     viewer.tell("scene/structure", told(generation=1, source=str(program), places={"": [str(program), 1]}))
-    old = {"name": "tripod", "source": str(program), "overrides": "", "bodies": [], "frames": [], "zones": []}
+    old = {
+        "name": "tripod",
+        "source": str(program),
+        "overrides": "",
+        "bodies": [],
+        "frames": [],
+        "regions": [],
+    }
     viewer.tell("scene/structure", String(data=json.dumps(old)))
     assert viewer.says("scene refused: no message of this version's simulator")
     assert viewer.lives()
@@ -105,7 +117,7 @@ BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         {"frames": "abc"},
         {"bodies": [{"name": "silicone"}]},
         {"bodies": None},
-        {"zones": [{"name": "z", "nodes": [-1]}]},
+        {"regions": [{"name": "z", "nodes": [-1]}]},
         {"places": {"": 3}},
         {"generation": "new"},
         {"scenes": [1]},
@@ -130,6 +142,10 @@ def nonsense(rng: np.random.Generator) -> list[tuple[str, Any]]:
     status = DiagnosticStatus(name="tripod/simulator", values=[KeyValue(key="time_s", value="soon")])
     layout = MultiArrayLayout(dim=[MultiArrayDimension(label="x", size=3, stride=1)])
     return [
+        ("scene/proposal", String(data="[" * 100_000)),
+        ("scene/proposal", String(data='{"revision": 1}')),
+        ("scene/proposal", String(data=PROPOSAL % ("../x", 1e308))),
+        ("scene/proposal", String(data=PROPOSAL % ("x" * 900, 0.0))),
         ("mesh/topology", Mesh(triangles=[triangle], vertices=[Point(x=nan)])),
         ("mesh/topology", Mesh(triangles=[triangle])),
         ("mesh/tetrahedra", UInt32MultiArray(data=[1, 2, 3])),

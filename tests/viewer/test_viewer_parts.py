@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
+from drawn_canvas import Canvas
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -25,7 +26,7 @@ from softsim_ros.viewer import readings
 from softsim_ros.viewer.base_handle import BaseHandle
 from softsim_ros.viewer.collision_view import CollisionView
 from softsim_ros.viewer.controls import have_same_controls
-from softsim_ros.viewer.hotkeys import hotkeys, key_label, page_keys
+from softsim_ros.viewer.hotkeys import hotkeys, key_label, key_rows, page_keys
 from softsim_ros.viewer.inner_view import InnerView
 from softsim_ros.viewer.layers import LAYERS
 from softsim_ros.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
@@ -35,8 +36,8 @@ from softsim_ros.viewer.properties import parts_of
 from softsim_ros.viewer.pull import Pull
 from softsim_ros.viewer.scene_tab import joint_at
 from softsim_ros.viewer.shapes import box_lines, normal_lines, shrunk_faces, sphere_lines, tetrahedra_edges
-from softsim_ros.viewer.stage import camera_for, floor_height
-from softsim_ros.viewer.surface import BANDS, band_colours, bands_of, compact, round_up
+from softsim_ros.viewer.stage import CAMERA_FOV, camera_for, floor_height
+from softsim_ros.viewer.surface import BANDS, bands_of, compact, round_up
 from softsim_ros.viewer.tuning import tunables
 from softsim_ros.viewer.units import command_of, joint_range, slider_label, slider_value
 
@@ -50,12 +51,6 @@ def test_triangles_fall_into_bands_by_the_mean_of_their_corners() -> None:
     triangles = np.array([[0, 1, 2], [0, 1, 3], [3, 4, 5], [5, 5, 5]])
     assert bands_of(stress, triangles, 120.0).tolist() == [0, 4, BANDS - 1, BANDS - 1]
     assert bands_of(stress, triangles, 0.0).tolist() == [0, 0, 0, 0]
-
-
-def test_band_colours_grow_lighter() -> None:
-    lightness = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in band_colours()]
-    assert len(lightness) == BANDS
-    assert lightness == sorted(lightness)
 
 
 def test_compact_keeps_the_triangles_where_they_are() -> None:
@@ -96,6 +91,13 @@ def test_every_key_of_the_robot_has_a_hotkey_and_a_label() -> None:
     assert hotkeys("up") == [("arrowup", "cmd/ctrl")]
     assert len(hotkeys("plus")) == 3
     assert key_label("plus", keys["plus"]) == "Ctrl+Plus: servo 2 up"
+    rows = dict(key_rows(TRIPOD))
+    assert rows["servo 1"] == {"← up": "left", "→ down": "right"}
+    assert rows["poses"] == {"Q mid pose": "q", "Z high pose": "z"}
+    for robot in (TRIPOD, load_scene("cable_gripper"), load_scene("emio")):
+        named = [name for _, row in key_rows(robot) for name in row.values()]
+        stops = [] if robot.board is None else ["enter", "e"]  # they have buttons above the tabs
+        assert sorted([*named, *stops]) == sorted(page_keys(robot))  # each key once
     robot = dataclasses.replace(TRIPOD, keys={"x": KeyBinding(pose="mid", help="own")})
     assert "x" in page_keys(robot)
 
@@ -136,33 +138,6 @@ def test_readings_escape_what_they_show() -> None:
     assert "-1.0000 rad (-57.3 deg)" in bars
     assert "no joint states" in readings.joint_bars(TRIPOD.joints, None, None, ())
     assert readings.pressure(2500.0) == "2.5 kPa"
-
-
-class Drawn:
-    """Stands for a thing in the 3-D view: keeps what it was given."""
-
-    def __init__(self, **given: object) -> None:
-        self.__dict__.update(given, visible=True, removed=False)
-
-    def remove(self) -> None:
-        self.removed = True
-
-    def on_update(self, callback: object) -> None:
-        self.callback = callback
-
-
-class Canvas:
-    """Records what is drawn, by name."""
-
-    def __init__(self) -> None:
-        self.drawn: dict[str, Drawn] = {}
-
-    def add(self, name: str, points: object = None, *_: object, **more: object) -> Drawn:
-        self.drawn[name] = Drawn(points=points, vertices=points, **more)
-        return self.drawn[name]
-
-    add_line_segments = add_point_cloud = add_mesh_simple = add_icosphere = add
-    add_frame = add_label = add_box = add_transform_controls = add
 
 
 def marker(kind: int, name: str, points: list[tuple[float, float, float]]) -> Marker:
@@ -359,8 +334,19 @@ def test_the_camera_starts_where_it_sees_the_bodies() -> None:
     corners = np.array([[0.0, 0.0, 0.0], [300.0, 400.0, 0.0]], np.float32)
     position, target = camera_for(corners)
     assert target[:2] == pytest.approx((150.0, 200.0))
-    assert np.linalg.norm(np.subtract(position, target)) == pytest.approx(575.0, rel=0.02)
+    assert np.linalg.norm(np.subtract(position, target)) == pytest.approx(825.0, rel=0.02)
     assert len(camera_for(corners[:0])[0]) == 3  # a scene without bodies has a view, too
+
+
+@pytest.mark.parametrize("size", [(1, 1, 9), (1, 1, 1), (9, 1, 1), (5, 5, 1), (1, 9, 4)])
+def test_the_camera_sees_the_whole_body(size: tuple[int, int, int]) -> None:
+    corners = 10.0 * np.array(list(np.ndindex(2, 2, 2)), np.float32) * size
+    position, target = np.array(camera_for(corners))
+    ahead = (target - position) / np.linalg.norm(target - position)
+    aside = np.cross(ahead, [0.0, 0.0, 1.0])
+    above = np.cross(aside / np.linalg.norm(aside), ahead)
+    seen = corners - position
+    assert np.abs(np.arctan2(seen @ above, seen @ ahead)).max() < 0.5 * CAMERA_FOV
 
 
 def test_a_chamber_stands_at_its_pressure_between_its_limits() -> None:

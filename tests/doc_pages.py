@@ -1,20 +1,24 @@
-"""What the pages of the tutorials and the README's quick start hold: fences, their markers, links."""
+"""What the pages of the documentation hold: fences, their markers, links."""
 
 from __future__ import annotations
 
+import argparse
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-TUTORIALS = REPOSITORY / "docs" / "tutorials"
-PAGES = sorted(TUTORIALS.rglob("*.md"))
+REPOSITORY = Path(__file__).resolve().parents[1]
+DOCS = REPOSITORY / "docs"
+TUTORIALS = DOCS / "tutorials"
+TUTORIAL_PAGES = sorted(TUTORIALS.rglob("*.md"))
 README = REPOSITORY / "README.md"
+PAGES = [README, REPOSITORY / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 QUICK_START = "## Two commands"
 
 _FENCE = re.compile(
-    r"(?:<!-- (?:test: (?P<flags>.*?)|lines of (?P<source>\S+)) -->\n)?"
+    r"(?:^ *<!-- (?:test: (?P<flags>.*?)|lines of (?P<source>\S+)|not run: (?P<reason>.*?)) -->\n)?"
     r"^ *```(?P<language>\w*)\n(?P<body>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
 )
@@ -32,6 +36,7 @@ class Fence:
         body: Its lines.
         flags: Of `<!-- test: FLAGS -->` before it: its command is started for real, these flags added.
         source: Of `<!-- lines of PATH -->` before it: the file that its lines are taken from.
+        reason: Of `<!-- not run: REASON -->` before it: why no test runs it.
     """
 
     page: Path
@@ -39,6 +44,7 @@ class Fence:
     body: str
     flags: str | None
     source: Path | None
+    reason: str | None = None
 
     def __str__(self) -> str:
         return f"{self.page.stem}: {self.body.splitlines()[0].strip()[:60]}"
@@ -57,15 +63,29 @@ def fences(page: Path, section: str | None = None) -> Iterator[Fence]:
             match["body"],
             match["flags"],
             None if source is None else (page.parent / source).resolve(),
+            match["reason"],
         )
 
 
 def commands(fence: Fence) -> Iterator[list[str]]:
-    """The command lines of a block as words, without comments."""
-    for line in fence.body.splitlines():
-        words = line.split("#", 1)[0].split()
+    """The command lines of a block as words, without comments; of a transcript, the lines behind `$`."""
+    lines = fence.body.replace("\\\n", " ").splitlines()
+    if any(line.startswith("$ ") for line in lines):
+        lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+    for line in lines:
+        words = shlex.split(line, comments=True)
         if words:
             yield words
+
+
+def parsed_command(name: str, words: list[str]) -> argparse.Namespace:
+    """The command line of a subcommand of `softsim` as the program reads it; unknown options end the test."""
+    from softsim_ros.cli.app import COMMANDS
+
+    assert name in COMMANDS, f"unknown command {name}"
+    parser = argparse.ArgumentParser(prog=name, allow_abbrev=False)
+    COMMANDS[name].imported().configure(parser)
+    return parser.parse_args(words)
 
 
 def code_lines(text: str) -> list[str]:

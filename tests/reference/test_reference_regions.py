@@ -52,7 +52,7 @@ def test_placement_is_the_reference_loading_followed_by_the_change_of_frame(refe
 @pytest.mark.parametrize(
     ("name", "ids"), [("tip_0", TIP_0), ("tip_1", TIP_1), ("tip_2", TIP_2), ("centre", CENTRE)]
 )
-def test_zones_of_the_low_mesh_are_the_documented_nodes(reference_dir: Path, name: str, ids: str) -> None:
+def test_regions_of_the_low_mesh_are_the_documented_nodes(reference_dir: Path, name: str, ids: str) -> None:
     scene = full_tripod(reference_dir, "low")
     attachment = next(each for each in scene.scene.attachments if each.name == name)
     points = placed(mesh_points(reference_dir, "low"))
@@ -62,14 +62,14 @@ def test_zones_of_the_low_mesh_are_the_documented_nodes(reference_dir: Path, nam
 @pytest.mark.parametrize(
     ("level", "counts"), [("low", [19, 18, 18, 16]), ("mid", [61, 61, 56, 31]), ("high", [110, 111, 113, 71])]
 )
-def test_zone_sizes(reference_dir: Path, level: str, counts: list[int]) -> None:
+def test_region_sizes(reference_dir: Path, level: str, counts: list[int]) -> None:
     scene = full_tripod(reference_dir, level)
     points = placed(mesh_points(reference_dir, level))
     assert [len(selected(scene, each, points)) for each in scene.scene.attachments] == counts
 
 
 @pytest.mark.parametrize("level", ["low", "mid"])
-def test_zones_are_the_simulators(reference_dir: Path, level: str) -> None:
+def test_regions_are_the_simulators(reference_dir: Path, level: str) -> None:
     results = np.load(reference_dir / "simulator" / f"tripod_{level}.npz")
     scene = full_tripod(reference_dir, level)
     points = placed(mesh_points(reference_dir, level))

@@ -1,0 +1,111 @@
+"""Pages and pictures that programs make are those of today; links find their files.
+
+Notebooks run where the site is built: .ci/run.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from doc_pages import DOCS, PAGES, README, REPOSITORY, anchors, links
+
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+
+
+def program(path: str) -> ModuleType:
+    """A program of docs/, as a module."""
+    file = DOCS / path
+    spec = importlib.util.spec_from_file_location(f"docs_{file.stem}", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.usefixtures("ros_domain")
+def test_topics_services_and_parameters_are_those_of_the_nodes() -> None:
+    pytest.importorskip("viser")
+    pytest.importorskip("onnxruntime")
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; sys.path.insert(0, 'docs'); import ros_reference as r; sys.stdout.write(r.page())",
+        ],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    made = done.stdout.decode()
+    written = (DOCS / "ros_reference.md").read_text(encoding="utf-8")
+    assert written == made[made.index("# Topics") :], "run python docs/ros_reference.py"
+
+
+def test_every_topic_and_service_of_the_nodes_is_explained() -> None:
+    told = "".join(
+        page.read_text(encoding="utf-8") for page in DOCS.glob("*.md") if page.stem != "ros_reference"
+    )
+    rows = re.findall(
+        r"^\| (?:(?:sends|hears) \| )?`([^`]+)` \| \w+/\w+ \|", (DOCS / "ros_reference.md").read_text(), re.M
+    )
+    assert len(rows) > 60
+    for name in rows:
+        if name.startswith("servo_bridge/get_"):
+            continue  # ROS's own, of every lifecycle node
+        name = name.removeprefix("observer/")
+        last = name.rsplit("/", 1)[-1]
+        assert name in told or f"`{last}`" in told or f"~/{last}" in told, name
+
+
+def test_badges_are_true() -> None:
+    assert (DOCS / "pictures" / "badges.svg").read_text(encoding="utf-8") == program(
+        "pictures/badges.py"
+    ).picture()
+
+
+def test_the_moving_picture_moves_and_is_small() -> None:
+    image = pytest.importorskip("PIL.Image")
+    file = DOCS / "pictures" / "moving.webp"
+    assert file.stat().st_size < 3_000_000
+    with image.open(file) as picture:
+        assert picture.n_frames > 20
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_every_page_is_in_the_order_of_the_site() -> None:
+    order = (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8")
+    for page in DOCS.rglob("*.md"):
+        assert page.relative_to(DOCS).as_posix() in order, page
+
+
+def test_the_front_page_is_one_that_is_read() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 160
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_stored_without_outputs(notebook: Path) -> None:
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") for cell in cells)
+    assert notebook.stat().st_size < 20_000

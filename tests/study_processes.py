@@ -1,0 +1,78 @@
+"""Studies in processes of their own for tests: started, waited for, killed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+PATIENCE_S = 400.0
+
+
+def command(verb: str, study: Path, store: Path, *more: str) -> list[str]:
+    words = [verb, str(study), "--out", str(store), "--allow-code", str(study.parent), *more]
+    return [sys.executable, "-m", "softsim_ros.cli", *words]
+
+
+def swept(study: Path, store: Path, *more: str, verb: str = "sweep") -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(verb, study, store, *more), capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+
+
+def started(study: Path, store: Path, *more: str, verb: str = "sweep") -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command(verb, study, store, *more),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def until(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def kept(store: Path) -> int:
+    """Runs that lie in a store, in its journals too."""
+    lines = sum(file.read_bytes().count(b"\n") for file in store.glob("journal/*"))
+    done = sum(1 for _ in store.glob("status/c/*"))
+    return (
+        lines
+        + done
+        * json.loads((store / "status" / "zarr.json").read_text())["chunk_grid"]["configuration"][
+            "chunk_shape"
+        ][0]
+    )
+
+
+def children(pid: int) -> list[int]:
+    """Processes below one, whole tree."""
+    below: list[int] = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+        except (OSError, ValueError):
+            continue
+        if parent == pid:
+            below += [int(entry.name), *children(int(entry.name))]
+    return below
+
+
+def workers(pid: int) -> list[int]:
+    """Worker processes of a client."""
+    found = []
+    for each in children(pid):
+        try:
+            if b"spawn_main" in Path(f"/proc/{each}/cmdline").read_bytes():
+                found.append(each)
+        except OSError:
+            continue
+    return found

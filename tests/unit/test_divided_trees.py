@@ -1,0 +1,113 @@
+"""Threads that share a factorisation or an iteration: right, and the same bits for any number of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+pytestmark = pytest.mark.numba
+
+from softsim_core import box_mesh  # noqa: E402
+from softsim_core.dynamics.numba_backend.scatter import node_pairs  # noqa: E402
+from softsim_core.linalg.cholesky import factor  # noqa: E402
+from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix, support_gradients  # noqa: E402
+from softsim_core.linalg.crew import Teamwork  # noqa: E402
+from softsim_core.linalg.divided_factor import lead_factor, room_for, support_factor  # noqa: E402
+from softsim_core.linalg.divided_solve import LARGE, sharing_of  # noqa: E402
+from softsim_core.linalg.division import divided, with_room_for  # noqa: E402
+from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
+from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
+from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
+from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
+from softsim_core.linalg.symbolic import Plan, plan  # noqa: E402
+
+CELLS = (9, 8, 8)
+
+
+def matrix_on_a_box() -> tuple[Plan, Matrix]:
+    """A positive matrix that couples the nodes of a box, whose separators are large panels."""
+    mesh = box_mesh((0.1, 0.1, 0.1), CELLS)
+    count, edges = len(mesh.points), np.unique(node_pairs(mesh.tets), axis=0)
+    layout = plan(count, edges, edges[:0], 0, LANES, ROWS)
+    own = matrix_layout(layout.position, edges, edges[:0], 0, LANES)
+    matrix = matrix_of(np.zeros(own.panel[-1]), own)
+    rng = np.random.default_rng(0)
+    for i in range(count):
+        for k in range(3):
+            row = matrix.row[i] + k * matrix.width[i]
+            first = row + matrix.later[i]
+            number = 3 * int(matrix.start[i + 1] - matrix.start[i])
+            matrix.panels[first : first + number] = rng.uniform(-1.0, 1.0, size=number)
+            matrix.panels[row + k] = 60.0
+    return layout, matrix
+
+
+def supernodes(layout: Plan) -> Any:
+    """Of each node, by unknown."""
+    return layout.supernode[np.argsort(layout.position)]
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_a_divided_factor_is_the_whole_one_and_the_same_for_any_threads(kind: type) -> None:
+    layout, matrix = matrix_on_a_box()
+    division = divided(layout, 0.0)
+    sizes = np.diff(layout.panel)[division.above]
+    assert len(division.first) > 4
+    assert sizes.max() > LARGE  # panels that are factored in pieces
+    results = []
+    for threads in (0, 1, 2, 3):
+        chosen = with_room_for(layout, division, ROWS) if threads else layout
+        tree, store = tree_of(chosen), empty_factor(chosen, 0, kind)
+        copy_matrix(matrix, tree, supernodes(layout), store.panels)
+        if threads:
+            team = Teamwork(threads, lead_factor, support_factor)
+            team(tree, store, division, room_for(tree, division, kind))
+        else:
+            factor(tree, store)
+        results.append(store.panels)
+    whole, *parts = results
+    assert np.abs(parts[0] - whole).max() < 30.0 * np.finfo(kind).eps * np.abs(whole).max()
+    assert all(np.array_equal(parts[0], each) for each in parts[1:])
+
+
+def test_divided_gradients_find_the_solution_and_the_same_for_any_threads() -> None:
+    layout, matrix = matrix_on_a_box()
+    division = divided(layout, 0.0)
+    tree, store = tree_of(layout), empty_factor(layout, 0, np.float32)
+    copy_matrix(matrix, tree, supernodes(layout), store.panels)
+    factor(tree, store)
+    count = len(layout.position)
+    b, results = np.random.default_rng(1).normal(size=3 * count), []
+    for parts in (division, division, division, divided(layout, np.inf)):
+        rotations, line = np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), int(layout.width.max()) + ROWS
+        rotations[:, :2, :2] = np.array([[0.8, -0.6], [0.6, 0.8]])  # a poor preconditioner: many iterations
+        by = Preconditioner(
+            tree, store.panels, rotations, np.zeros(3 * count, np.float32), np.zeros(line, np.float32)
+        )
+        x, sharing = np.zeros(3 * count), sharing_of(parts, 3 * count)
+        team = Teamwork(1 + len(results) % 3, conjugate_gradients, support_gradients)
+        for _ in range(2):  # nothing is left of one solution in the next
+            assert team(matrix, by, sharing, b, x, 1e-13, 0.0, 150) > 3
+        results.append(x)
+    assert np.array_equal(results[0], results[1])
+    assert np.array_equal(results[0], results[2])
+    assert np.abs(results[0] - results[3]).max() < 1e-12
+    whole = dense(matrix)
+    assert np.abs(whole @ results[0] - b).max() < 1e-10
+
+
+def dense(matrix: Matrix) -> np.ndarray:
+    """The matrix, whole."""
+    count = len(matrix.row)
+    result = np.zeros((3 * count, 3 * count))
+    for i in range(count):
+        nodes = [i, *matrix.node[matrix.start[i] : matrix.start[i + 1]].tolist()]
+        columns = [0, *(matrix.later[i] + 3 * np.arange(len(nodes) - 1)).tolist()]
+        for j, column in zip(nodes, columns, strict=True):
+            for k in range(3):
+                at = matrix.row[i] + k * matrix.width[i] + column
+                result[3 * i + k, 3 * j : 3 * j + 3] = matrix.panels[at : at + 3]
+    return np.asarray(np.triu(result) + np.triu(result, 1).T)

@@ -1,0 +1,235 @@
+"""A simulation goes over to compiled kernels while it moves: nothing jumps, no step is lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from node_processes import compiled_kernels
+from small_scenes import assert_same, machine
+from waiting import spin_until
+
+pytest.importorskip("numba")
+pytestmark = pytest.mark.numba
+
+from softsim_core import Simulation, load_scene  # noqa: E402
+from softsim_core.errors import SceneError  # noqa: E402
+from softsim_core.warmup import small_scene, touching_scene  # noqa: E402
+from softsim_ros.simulator.physics_thread import PhysicsThread  # noqa: E402
+
+TOLERANCE = 1e-10  # that of test_steppers_agree
+REPOSITORY = Path(__file__).resolve().parents[2]
+WARM_UP = [sys.executable, "-m", "softsim_core.warmup", "--beside", "--small"]
+
+
+def moved(simulation: Simulation, step: int) -> None:
+    reach = 0.3 if simulation.robot.name == "tripod" else 0.001
+    rest = simulation.model.rest_state().joint_positions
+    simulation.command(rest + reach * np.sin(0.2 * step + np.arange(len(rest))))
+    simulation.step()
+
+
+@pytest.mark.parametrize(
+    ("make", "tolerance"),
+    [
+        (lambda: load_scene("tripod"), TOLERANCE),
+        (lambda: machine("polar"), TOLERANCE),
+        (touching_scene, 1e-6),  # contacts solve to a tolerance of their own
+    ],
+    ids=["tripod", "two bodies, every joint", "beam with cable and contact"],
+)
+@pytest.mark.slow
+def test_the_motion_goes_on_as_if_nothing_had_happened(make: Callable[[], Any], tolerance: float) -> None:
+    scene = make()
+    plain, going = Simulation(scene, backend="scipy"), Simulation(scene, backend="scipy")
+    for step in range(40):
+        if step == 20:
+            commanded, time_s = going.joint_targets, going.time
+            going.set_damping(rayleigh_mass=1.5)
+            plain.set_damping(rayleigh_mass=1.5)
+            before = going.snapshot()
+            going.step_by(Simulation(going.robot, backend="numba"))
+            assert going.snapshot() == before  # to the last bit
+            assert (going.backend, going.step_count, going.time) == ("numba", 20, time_s)
+            np.testing.assert_array_equal(going.joint_targets, commanded)
+        for each in (plain, going):
+            moved(each, step)
+        assert_same(going._state, plain._state, tolerance)
+    assert plain.backend == "scipy"
+    assert going.step_count == 40
+    start = Simulation(scene, backend="scipy").positions
+    assert np.abs(going.positions - start).max() > 1e-5
+
+
+def test_another_scene_is_refused() -> None:
+    beam = Simulation(small_scene(), backend="scipy")
+    with pytest.raises(SceneError, match="of another scene"):
+        beam.step_by(Simulation(touching_scene(), backend="scipy"))
+
+
+class Log:
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.info = self.warning = self.lines.append
+
+
+@pytest.fixture
+def physics(request: pytest.FixtureRequest) -> Any:
+    """The Tripod in its start animation on the SciPy path, in a physics thread; keeps every step's state."""
+    simulation = Simulation(load_scene("tripod"), backend="scipy")
+    states: dict[int, np.ndarray] = {}
+
+    def keep(run: Simulation, _: bool) -> float:
+        states[run.step_count] = run.positions
+        return 0.0
+
+    thread = PhysicsThread(simulation, keep, *[lambda _: None] * 3)
+    thread.states = states  # type: ignore[attr-defined]
+    thread.start()
+    yield thread
+    thread.close()
+
+
+@pytest.mark.slow
+def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
+    from softsim_ros.simulator.compiled_later import CompiledLater
+
+    compiled_kernels()
+    log = Log()
+    later = CompiledLater(physics, None, log)
+    assert spin_until(lambda: physics.status.steps > 20)
+    later.start()
+    assert spin_until(lambda: physics.status.backend == "numba", 60.0), log.lines
+    (line,) = log.lines
+    first = int(line.split("from step ")[1].split()[0])
+    assert spin_until(lambda: physics.status.steps > first + 50)
+    later.close()
+    physics.close()
+    steps = sorted(physics.states)
+    assert steps == list(range(len(steps)))  # none is lost
+    alone = Simulation(load_scene("tripod"), backend="scipy")
+    for step in range(1, first + 50):
+        alone.step()
+        scale = np.abs(alone.positions).max()
+        np.testing.assert_allclose(physics.states[step], alone.positions, rtol=0, atol=TOLERANCE * scale)
+
+
+@pytest.mark.slow
+def test_the_robot_does_not_wait_for_the_swap() -> None:
+    from softsim_ros.simulator.compiled_later import _compiled
+
+    compiled_kernels()
+    running = Simulation(load_scene("tripod"), backend="scipy")
+    running.step()
+    loaded = _compiled(running)  # beside the physics thread
+    began = time.thread_time()
+    running.step_by(loaded)
+    running.step()
+    assert running.backend == "numba"
+    assert time.thread_time() - began < running.scene.dt  # of processor time: real time goes on
+
+
+@pytest.mark.slow
+def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any) -> None:
+    from softsim_ros.simulator.compiled_later import CompiledLater
+
+    log = Log()
+    later = CompiledLater(physics, None, log)
+    later._words = ["--nonsense"]
+    later.start()
+    assert spin_until(lambda: log.lines, 60.0)
+    assert "kernels were not compiled" in log.lines[0]
+    assert "--nonsense" in log.lines[0]
+    steps = physics.status.steps
+    assert spin_until(lambda: physics.status.steps > steps + 5)
+    assert physics.status.backend == "scipy"
+    later.close()
+
+
+@pytest.mark.slow
+def test_the_end_does_not_wait_for_the_compiler(
+    physics: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from softsim_ros.simulator.compiled_later import CompiledLater
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    later = CompiledLater(physics, None, Log())
+    later.start()
+    child = later._child
+    assert child is not None
+    assert spin_until(lambda: any(tmp_path.rglob("*.nbc")), 150.0)
+    began = time.monotonic()
+    later.close()
+    assert time.monotonic() - began < 2.0
+    assert child.returncode == -signal.SIGKILL
+    assert physics.status.backend == "scipy"
+    kept = set(tmp_path.rglob("*.nbc"))
+    assert not list(tmp_path.rglob("ready-*"))  # the next start goes on from what is kept
+    assert kept
+
+
+@pytest.mark.slow
+def test_the_compiler_does_not_outlive_the_robot(tmp_path: Path) -> None:
+    code = (
+        "import subprocess, time\n"
+        f"child = subprocess.Popen({WARM_UP!r}, start_new_session=True)\n"
+        "print(child.pid, flush=True); time.sleep(600)"
+    )
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(REPOSITORY)}
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=variables) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        assert b"compiling" in parent.stdout.readline()
+        parent.kill()
+        parent.stdout.close()
+
+    def is_gone() -> bool:
+        try:
+            return Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+        except OSError:
+            return True
+
+    assert spin_until(is_gone, 30.0)
+
+
+def test_kernels_of_another_place_or_time_are_not_taken_for_ready(tmp_path: Path) -> None:
+    from softsim_core import warmup
+
+    here = warmup._mark()
+    assert here is not None
+    assert here == warmup._mark(REPOSITORY / "softsim_core")
+    assert here != warmup._mark(
+        tmp_path / "softsim_core"
+    )  # a copy of the checkout: Numba finds nothing there
+    sources = warmup._compilers()[0].changed()
+    assert dict(sources)["stepper.py"] > 0
+
+
+@pytest.mark.slow
+def test_of_two_that_compile_one_waits(tmp_path: Path) -> None:
+    from softsim_core import warmup
+
+    mark = warmup._mark()
+    assert mark is not None
+    order: list[str] = []
+    with warmup._alone(tmp_path / "compiling"):
+
+        def wait() -> None:
+            with warmup._alone(tmp_path / "compiling"):
+                order.append("second")
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        thread.join(0.2)
+        order.append("first")
+    thread.join(10.0)
+    assert order == ["first", "second"]

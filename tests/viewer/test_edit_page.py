@@ -1,0 +1,261 @@
+"""A cable finger built by mouse in the page from its bare mesh; saved and started again, it is the same."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("viser")
+
+from browser_page import BrowserPage
+from node_processes import Client
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+from softsim_core import load_scene
+from softsim_core.scene.files import config_file
+from softsim_core.scene.portable import write_description
+from softsim_ros.messages.proposal import Proposal, read_proposal
+from softsim_ros.viewer.edit_session import ROUTE
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BARE = f"""\
+# My finger: nothing is known of it but its mesh.
+name: finger
+bodies:
+  - name: part
+    mesh: {{file: {config_file("meshes/finger_low.vtk")}}}  # from the CAD export
+    # GUESS: the material
+    material: {{young_modulus: 1.8e+6, poisson_ratio: 0.45}}
+    density: 1070.0  # kg/m^3
+
+# end of the file
+gravity: [0.0, 0.0, -9.81]
+"""
+SIDE = 15.0
+"""x of the finger's flat side in [mm], which the camera sees."""
+
+TRIES = 5
+"""A page that is late with a picture lets the mouse pass beside what it aims at."""
+
+LATE_S = 30.0
+"""What is not told after this long did not happen: a second click for one that is late is one too many."""
+
+
+class Editor:
+    """The page of a finger that is edited, and what its simulator tells."""
+
+    def __init__(self, page: BrowserPage, client: Client, until: Callable[..., bool]) -> None:
+        self.page, self.client, self._until = page, client, until
+        self.told = client.collect(String, "scene/proposal", LATCHED)
+        self.structures = client.collect(String, "scene/structure", LATCHED)
+        self.states = client.collect(JointState, "joint_states", 5)
+
+    @property
+    def newest(self) -> Proposal:
+        return read_proposal(self.told[-1].data)
+
+    def until(self, condition: Callable[[], Any], seconds: float = 60.0) -> bool:
+        return self._until(condition, seconds)
+
+    def begin(self) -> None:
+        self.page.wait_for_node("/bodies/part")
+        self.page.tab("Edit")
+        self.page.tick("Edit")
+        self.page.wait_for_node("/edit/bodies/part")
+        assert self.until(lambda: self.told and self.newest.robot is not None)
+
+    def press(self, what: str, *point: float) -> Proposal:
+        """Click on a point of the body in [mm]; what comes of it."""
+        self.page.choose("A click on a body does", what)
+        return self.click(*point)
+
+    def click(self, *point: float, tells: bool = True) -> Proposal:
+        before = len(self.told)
+        x, y = self.page.screen((point[0], point[1], point[2]))
+        mouse = self.page.page.mouse
+        for _ in range(TRIES):
+            mouse.move(x - 40.0, y - 40.0)
+            self.page.page.wait_for_timeout(300)
+            mouse.move(x, y)
+            self.page.page.wait_for_timeout(500)
+            mouse.click(x, y)
+            if not tells:
+                self.page.page.get_by_text("the cable leaves there").first.wait_for(state="visible")
+                return self.newest
+            if self.until(lambda: len(self.told) > before, LATE_S):
+                return self.settled()
+        return pytest.fail("no proposal came")
+
+    def settled(self) -> Proposal:
+        """The newest proposal, once no other one comes."""
+        counts = [-1]
+        while counts[-1] < len(self.told):
+            counts.append(len(self.told))
+            self.until(lambda: len(self.told) > counts[-1], 1.0)
+        return self.newest
+
+    def drag(self, handle: str, axis: int, length: float) -> Proposal:
+        """Drag an arrow of a handle along an axis, in [mm]."""
+        before = len(self.told)
+        for _ in range(TRIES):
+            node = f"window.__viserMutable.nodeRefFromName['/edit/{handle}']"
+            place = self.page.page.evaluate(f"{node}.position.toArray()")
+            start = list(place)
+            start[axis] += 8.0 if handle == "size" else 13.0
+            end = list(start)
+            end[axis] += length
+            self.page.drag(self.page.screen(tuple(start)), self.page.screen(tuple(end)))
+            self.page.release()
+            if self.until(lambda: len(self.told) > before, LATE_S):
+                return self.settled()
+        return pytest.fail("no proposal came")
+
+    def ask(self, name: str, sentence: str) -> None:
+        self.page.click(name)
+        self.page.page.get_by_text(sentence).first.wait_for(state="visible")
+
+    def runs(self) -> list[str]:
+        seen = len(self.states)
+        assert self.until(lambda: len(self.states) > seen + 2)
+        return list(self.states[-1].name)
+
+
+@pytest.fixture
+def finger(ros_domain: int, start_process: Any) -> Iterator[Client]:
+    client = Client(ros_domain, "finger", start_process)
+    yield client
+    client.close()
+
+
+def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
+    start_station: Callable[..., tuple[Any, str]],
+    finger: Client,
+    browser: Any,
+    spin_until: Callable[..., bool],
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "finger.yaml"
+    file.write_text(BARE)
+    station, address = start_station(str(file))
+    page = BrowserPage(browser, address)
+    editor = Editor(page, finger, spin_until)
+    try:
+        editor.begin()
+        # a first try, thrown away
+        assert editor.press("add a fixed box", SIDE, -50.0, 2.5).is_changed
+        page.click("Discard")
+        assert editor.until(lambda: not editor.newest.is_changed)
+        assert editor.newest.undoable == 0
+        # held at its base: a box, moved and made smaller by its handles
+        told = editor.press("add a fixed box", SIDE, -6.0, 2.5)
+        first = told.robot.scene.attachments[0].box
+        told = editor.drag("centre", 0, -8.0)
+        moved = told.robot.scene.attachments[0].box
+        assert moved.center[0] == pytest.approx(first.center[0] - 0.008, abs=0.003)
+        assert moved.size == first.size
+        told = editor.drag("size", 2, 6.0)
+        assert told.robot.scene.attachments[0].box.size[2] == pytest.approx(first.size[2] + 0.006, abs=0.003)
+        assert [each.part for each in told.chosen] == ["attachments/fixed"]
+        assert told.chosen[0].count > 3
+        assert len(page.vertices("/edit/chosen/0")) > 9  # the chosen nodes are seen
+        # a rigid tip, which is the effector
+        told = editor.press("add a rigid box", SIDE, -100.0, 2.5)
+        assert told.problems == ()
+        page.click("Make it the effector")
+        assert editor.until(lambda: editor.newest.robot.scene.effector == "rigid")
+        # a cable along the side: where it leaves, and two points
+        page.choose("A click on a body does", ROUTE)
+        editor.click(SIDE, -3.0, 2.5, tells=False)
+        editor.click(SIDE, -30.0, 2.5)
+        told = editor.click(SIDE, -80.0, 2.5)
+        assert told.routes["cable"].shape == (2, 3)
+        assert told.routes["cable"][:, 0] == pytest.approx([0.015, 0.015], abs=1e-3)
+        told = editor.drag("point", 2, 4.0)
+        assert told.routes["cable"][1, 2] > 0.0045
+        assert told.problems == ()
+        # what runs has not been disturbed, and the file neither
+        assert editor.runs() == []
+        assert file.read_text() == BARE
+        # every action is undone and done again
+        built, actions = told.robot, told.undoable
+        assert actions == 8
+        for k in range(actions):
+            page.click("Undo")
+            assert editor.until(lambda: editor.newest.undoable == actions - 1 - k)  # noqa: B023
+        assert not editor.newest.is_changed
+        assert editor.newest.robot.scene.attachments == ()
+        for k in range(actions):
+            page.click("Redo")
+            assert editor.until(lambda: editor.newest.undoable == k + 1)  # noqa: B023
+        assert editor.newest.robot == built
+        # applied: it runs, and obeys
+        editor.ask("Apply", "applied: the scene begins anew")
+        assert editor.until(lambda: list(editor.states[-1].name) == ["cable"])
+        finger.publish("position_controller/commands", Float64MultiArray(data=[0.004]))
+        assert editor.until(lambda: editor.states[-1].effort[0] > 0.01)
+        assert file.read_text() == BARE
+        page.wait_for_node("/bodies/part")  # what runs is seen again
+        page.wait_until_gone("/edit/bodies/part")
+        page.tab("Edit")
+        editor.ask("Save", "saved to ")
+        saved = file.read_text()
+        for line in BARE.splitlines():
+            assert line in saved.splitlines()  # with all remarks, and where they stood
+        assert load_scene(file).scene == built.scene
+        ran = json.loads(editor.structures[-1].data)["description"]
+        assert ran == write_description(load_scene(file))
+        assert not page.errors
+    finally:
+        page.close()
+    assert station.process.end() == 0
+    again, address = start_station(str(file))
+    page = BrowserPage(browser, address)
+    try:
+        page.wait_for_node("/bodies/part")
+        newest = finger.collect(String, "scene/structure", LATCHED)
+        assert spin_until(lambda: newest, 60.0)
+        assert json.loads(newest[-1].data)["description"] == ran
+        states = finger.collect(JointState, "joint_states", 5)
+        assert spin_until(lambda: len(states) > 5, 60.0)
+        assert list(states[-1].name) == ["cable"]
+    finally:
+        page.close()
+    assert again.process.end() == 0
+
+
+def test_a_shipped_scene_is_copied_not_overwritten(
+    start_station: Callable[..., tuple[Any, str]], browser: Any, spin_until: Callable[..., bool]
+) -> None:
+    source = load_scene("cable_finger").source
+    assert source is not None
+    before = source.read_text()
+    station, address = start_station("cable_finger")
+    page = BrowserPage(browser, address)
+    try:
+        page.wait_for_node("/bodies/finger")
+        page.tab("Edit")
+        page.tick("Edit")
+        page.wait_for_node("/edit/bodies/finger")
+        page.page.get_by_text("came with softsim and is not overwritten").first.wait_for(state="visible")
+        page.click("Save")
+        page.page.get_by_text(re.compile("not saved: .*came with softsim")).first.wait_for(state="visible")
+        page.click("Copy")
+        page.page.get_by_text("which is edited from now on").first.wait_for(state="visible")
+        copy = station.process.folder / "cable_finger.yaml"
+        assert spin_until(copy.is_file, 20.0)
+        assert load_scene(copy).scene == load_scene(source).scene
+        assert source.read_text() == before
+        assert [line for line in before.splitlines() if "#" in line and line not in copy.read_text()] == []
+    finally:
+        page.close()
+    assert station.process.end() == 0
