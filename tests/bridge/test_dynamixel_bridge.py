@@ -184,6 +184,7 @@ def test_what_is_published_is_measured_and_not_what_was_told(
 ) -> None:
     start_four()
     applied = client.collect(JointState, "applied_joint_states")
+    assert wait_until(lambda: applied)  # found: discovery may take longer than the way
     drive(client, board, stream, 0.5)
     assert wait_until(lambda: applied[-1].position == pytest.approx([0.5] * 4, abs=0.001))
     bus.servos[2].put(44, 1)  # as if it were blocked: it hardly moves
