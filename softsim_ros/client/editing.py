@@ -22,6 +22,9 @@ EXPIRE_PERIOD_S: Final = 1.0
 APPLIED_WITHIN_S: Final = 60.0
 """A proposal is built within this time in [s]; its kernels may have to be compiled."""
 
+TOLD_WITHIN_S: Final = 8.0
+"""What edits propose is told within this time in [s], or they were lost with their simulator."""
+
 ACTIONS: Final = ("begin", "undo", "redo", "discard", "apply", "save", "copy")
 """What can be asked for by name, see docs/edit.md."""
 
@@ -46,22 +49,33 @@ class Editing:
             for name in ACTIONS
         }
         self.proposal: Proposal | None = None
+        self._untold_since: float | None = None
         node.create_timer(EXPIRE_PERIOD_S, self._expire, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def is_behind(self) -> bool:
+        """Something was asked for whose outcome is not known yet: an edit made now is one of an old scene."""
+        return self._untold_since is not None or any(each.is_busy for each in self._requests.values())
 
     def change(self, edits: Sequence[Edit], stroke: str = "") -> None:
         """Propose edits, which are undone together; those in a row with the same stroke, too."""
         self._edits.publish(String(data=write_edits(edits, stroke)))
+        self._untold_since = time.monotonic()
 
     def ask(self, name: str, done: Done = unheeded) -> None:
         """Ask for one of ACTIONS."""
         self._requests[name].ask(Trigger.Request(), done)
 
     def _expire(self) -> None:
-        """Give up calls that have waited too long."""
+        """Give up what has waited too long."""
+        now = time.monotonic()
         for request in self._requests.values():
-            request.expire(time.monotonic())
+            request.expire(now)
+        if self._untold_since is not None and now - self._untold_since > TOLD_WITHIN_S:
+            self._untold_since = None
 
     def _on_proposal(self, message: String) -> None:
+        self._untold_since = None
         try:
             told = read_proposal(message.data)
         except SoftSimError as error:

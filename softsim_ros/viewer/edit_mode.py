@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from softsim_core.errors import SoftSimError
 from softsim_ros.client.editing import Editing
@@ -13,9 +14,17 @@ from softsim_ros.viewer.edit_stage import EditStage
 from softsim_ros.viewer.panel import Inbox
 from softsim_ros.viewer.picture import Picture
 
+Action = Callable[[], "str | None"]
+"""What a person does; returns a sentence for them, or none."""
+
+MOST_WAITING: Final = 50
+
 
 class EditMode:
     """Session and stage of the edit mode.
+
+    A person may be faster than the simulator: what they do waits until it is known what came of what they did
+    before, so that all of it happens, in its order, to the scene that they meant.
 
     Args:
         server: viser's server.
@@ -36,10 +45,13 @@ class EditMode:
         self.session = EditSession(editing.change)
         self._stage: EditStage | None = None
         self._drawn: object = None
+        self._waiting: deque[Action] = deque()
 
     def build(self) -> None:
         """Begin anew on an empty 3-D scene."""
-        self._stage = EditStage(self._server.scene, self._inbox, self.session, self.attempt)
+        self._stage = EditStage(
+            self._server.scene, self._inbox, self.session, self.attempt, lambda: self.is_behind
+        )
         self._drawn = None
         self.show()
 
@@ -47,7 +59,7 @@ class EditMode:
         """Show the proposal in place of what runs, or what runs."""
         self.session.is_on = on
         if on:
-            self._editing.ask("begin")
+            self.ask("begin")
         self.show()
 
     def ask(self, name: str) -> None:
@@ -57,10 +69,27 @@ class EditMode:
             if end.success and name == "apply":
                 self.turn(False)
 
-        self._editing.ask(name, done)
+        self.attempt(lambda: self._editing.ask(name, done))
 
-    def attempt(self, action: Callable[[], str | None]) -> None:
-        """Carry out an action of a person, and say what it returns or why it is refused."""
+    @property
+    def is_behind(self) -> bool:
+        """What the session knows is older than what was asked for."""
+        return self._editing.is_behind or self._editing.proposal is not self.session.told
+
+    def attempt(self, action: Action) -> None:
+        """Carry out an action of a person in its turn, and say what it returns or why it is refused."""
+        if len(self._waiting) >= MOST_WAITING:
+            self._say(f"{MOST_WAITING} actions wait for the simulator's answer; wait until it tells")
+        else:
+            self._waiting.append(action)
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Carry out what waits, as far as it is known what came of what was before it."""
+        while self._waiting and not self.is_behind:
+            self._carry_out(self._waiting.popleft())
+
+    def _carry_out(self, action: Action) -> None:
         try:
             sentence = action()
         except SoftSimError as error:
@@ -76,6 +105,7 @@ class EditMode:
             self.show()
         elif self._bodies is not self._drawn:
             self.show()
+        self._go_on()
 
     @property
     def _bodies(self) -> object:

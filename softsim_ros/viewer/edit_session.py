@@ -155,6 +155,15 @@ class EditSession:
         """Choose a part."""
         self.part, self.point = part if part in self.parts else "", 0
 
+    def choose_point(self, name: str) -> None:
+        """Choose a point of the chosen cable by its name in `point_names`."""
+        if name in self.point_names:
+            self.point = self.point_names.index(name) - self.first
+
+    def choose_click(self, click: str) -> None:
+        """Choose what a click on a body does, one of CLICKS."""
+        self.click = click if click in CLICKS else CHOOSE
+
     # --- clicks on a body -----------------------------------------------------------------------------
 
     def press(self, body: str, place: Array, points: Array) -> str:

@@ -41,7 +41,8 @@ class EditStage:
         scene: viser's scene.
         inbox: Where the mouse's events go.
         session: What is edited.
-        attempt: Carries out an action of a person and says what came of it.
+        attempt: Carries out an action of a person in its turn and says what came of it.
+        is_behind: Whether such an action has to wait.
     """
 
     def __init__(
@@ -50,8 +51,10 @@ class EditStage:
         inbox: Inbox,
         session: EditSession,
         attempt: Callable[[Callable[[], str | None]], None],
+        is_behind: Callable[[], bool],
     ) -> None:
-        self._scene, self._inbox, self._session, self._attempt = scene, inbox, session, attempt
+        self._scene, self._inbox, self._session = scene, inbox, session
+        self._attempt, self._is_behind = attempt, is_behind
         self._bodies: list[Any] = []
         self._drawn: list[Any] = []
         self._handles: dict[str, Any] = {}
@@ -182,7 +185,7 @@ class EditStage:
 
         async def moved(event: Any) -> None:
             place, phase = np.array(event.target.position), event.phase
-            self._inbox.put(lambda: self._attempt(lambda: self._drag(name, place, phase)))
+            self._inbox.put(lambda: self._drag(name, place, phase))
 
         handle.on_update(moved)
         return handle
@@ -196,9 +199,10 @@ class EditStage:
         if region is not None and self._lines is not None:
             self._lines.points = lines_of(region, dragged(region, name, place / MM))
         ends, now = phase == "end", time.monotonic()
-        if ends or now - self._sent_at >= SEND_PERIOD_S:
+        if ends or (now - self._sent_at >= SEND_PERIOD_S and not self._is_behind()):
             self._sent_at = now
-            self._session.drag(name, place / MM, f"drag {self._strokes} of {id(self)}")
+            stroke = f"drag {self._strokes} of {id(self)}"
+            self._attempt(lambda: self._session.drag(name, place / MM, stroke))
         if ends:
             self._held = ""
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from softsim_ros.messages.proposal import Proposal
 from softsim_ros.viewer.edit_fields import Field
 from softsim_ros.viewer.edit_mode import EditMode
-from softsim_ros.viewer.edit_session import CHOOSE, CLICKS
+from softsim_ros.viewer.edit_session import CLICKS
 from softsim_ros.viewer.panel import Control, Inbox, Shown
 
 NOTHING: Final = "(no part)"
@@ -108,22 +108,24 @@ class EditTab:
         self.refresh()
 
     def _choose_click(self, click: str) -> None:
-        self._session.click = click if click in CLICKS else CHOOSE
+        self._mode.attempt(lambda: self._session.choose_click(click))
 
     def _choose(self, part: str) -> None:
-        self._session.choose("" if part == NOTHING else part)
-        self._changed()
+        self._attempt_and_show(lambda: self._session.choose("" if part == NOTHING else part))
 
     def _choose_point(self, name: str) -> None:
-        self._session.point = self._session.point_names.index(name) - self._session.first
-        self._changed()
+        self._attempt_and_show(lambda: self._session.choose_point(name))
 
     def _write(self) -> None:
         self._session.write([(field, box.value) for field, box in self._fields if box.value != field.text])
 
-    def _changed(self) -> None:
-        self._mode.show()
-        self.refresh()
+    def _attempt_and_show(self, choose: Callable[[], None]) -> None:
+        def chosen() -> None:
+            choose()
+            self._mode.show()
+            self.refresh()
+
+        self._mode.attempt(chosen)
 
 
 def _follow(before: Field, field: Field, box: Any) -> Any:
