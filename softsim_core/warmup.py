@@ -7,7 +7,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from subprocess import Popen
@@ -15,6 +15,7 @@ from threading import Thread
 from time import perf_counter, sleep
 
 from softsim_core.actuation.cable import CableDescription
+from softsim_core.errors import SolverDivergedError
 from softsim_core.kernels import Compiler
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
@@ -26,6 +27,7 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Box, Placement
 
 _NICE = 10
@@ -104,7 +106,7 @@ def warm_up() -> float:
         for compiler in _compilers():
             compiler.forget_old_kernels()
         if not mark.is_file():
-            with Popen([sys.executable, "-m", "softsim_core.warmup", "--contact"]):  # on a core of its own
+            with _compiling_contact():
                 simulation = Simulation(small_scene(), backend="numba")
                 simulation.step()
                 simulation.von_mises()
@@ -113,6 +115,29 @@ def warm_up() -> float:
             Simulation(touching_scene(), backend="numba").step()
             mark.touch()
     return perf_counter() - started
+
+
+def warm_up_scene(robot: RobotDescription) -> None:
+    """Compile, or load from the cache, what this robot alone steps by: a fraction of all kernels.
+
+    A process that runs it may go over to the compiled step when this is done.
+    """
+    from softsim_core.simulation import Simulation
+
+    mark = _mark()
+    if mark is None:
+        return
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    with _alone(mark.with_name("compiling")):
+        for compiler in _compilers():
+            compiler.forget_old_kernels()
+        with _compiling_contact() if robot.scene.collisions else nullcontext():
+            simulation = Simulation(replace(robot, controllers=()), backend="numba")
+            with suppress(SolverDivergedError):
+                simulation.step()
+            simulation.von_mises()
+        if robot.scene.collisions:
+            _warm_up_contact()
 
 
 def warm_up_large() -> float:
@@ -136,6 +161,11 @@ def warm_up_large() -> float:
                 Simulation(replace(scene, solver=solver), backend="numba").step()
             mark.touch()
     return perf_counter() - started
+
+
+def _compiling_contact() -> Popen[bytes]:
+    """A process that compiles the kernels of contact, on a core of its own; its context waits for it."""
+    return Popen([sys.executable, "-m", "softsim_core.warmup", "--contact"])
 
 
 def _warm_up_contact() -> None:
@@ -209,6 +239,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--beside", action="store_true", help="at low priority, ending with the parent")
     parser.add_argument("--contact", action="store_true", help="the kernels of contact alone")
     parser.add_argument("--scene", help="those of this scene or robot, too")
+    parser.add_argument("--only", action="store_true", help="those of the scene, and no others")
     parser.add_argument("--small", action="store_true", help="none of large meshes")
     chosen = parser.parse_args(words)
     if chosen.beside or chosen.contact:
@@ -221,15 +252,13 @@ def main(words: Sequence[str] | None = None) -> int:
     sys.stdout.write("compiling the simulation kernels (once, 30 to 120 s) ...\n")
     sys.stdout.flush()
     started = perf_counter()
-    warm_up()
+    if not chosen.only:
+        warm_up()
     if chosen.scene:
         from softsim_core.scene import load_scene
-        from softsim_core.simulation import Simulation
 
-        simulation = Simulation(replace(load_scene(chosen.scene), controllers=()), backend="numba")
-        simulation.step()
-        simulation.von_mises()
-    if not chosen.small:
+        warm_up_scene(load_scene(chosen.scene))
+    if not chosen.only and not chosen.small:
         warm_up_large()
     sys.stdout.write(f"kernels ready after {perf_counter() - started:.1f} s\n")
     return 0

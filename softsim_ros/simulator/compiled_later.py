@@ -26,17 +26,19 @@ BEGINS: Final = "the robot begins on the SciPy path while kernels compile beside
 class CompiledLater:
     """Compiles, then has a physics thread step by the compiled kernels; waits for nobody.
 
-    What large meshes need more is compiled after that, for a scene of later on.
+    What the scene steps by comes first, then what other scenes need, then what large meshes need more.
 
     Args:
         physics: Whose simulation.
-        scene: File of the scene whose kernels are wanted, beside those of every scene; None: it has none.
+        scene: File of the scene that runs; None: it is not as its file says, and waits for all kernels.
         logger: The node's.
     """
 
     def __init__(self, physics: PhysicsThread, scene: str | os.PathLike[str] | None, logger: Any) -> None:
         self._physics, self._logger = physics, logger
-        self._words = ["--beside", "--small", *(["--scene", os.fspath(scene)] if scene is not None else [])]
+        self._scene = scene
+        own = [["--only", "--scene", os.fspath(scene)]] if scene is not None else []
+        self._stages: list[list[str]] = [*own, ["--small"], []]
         self._ended = threading.Event()
         self._child: subprocess.Popen[bytes] | None = None
         self._changes = threading.Lock()  # of the child: none begins once all has ended
@@ -44,22 +46,7 @@ class CompiledLater:
 
     def start(self) -> None:
         """Begin to compile."""
-        self._begin(self._words)
         self._thread.start()
-
-    def _begin(self, words: list[str]) -> bool:
-        """Have a process compile; False, and none begins, where all has ended."""
-        with self._changes:
-            if self._ended.is_set():
-                return False
-            self._child = subprocess.Popen(
-                [sys.executable, "-m", "softsim_core.warmup", *words],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C is for the robot, which ends this process
-            )
-        return True
 
     def close(self) -> None:
         """End the process if it still compiles: what is in the cache stays, the next start goes on there."""
@@ -74,27 +61,38 @@ class CompiledLater:
             ending.wait_for(self._thread)
 
     def _run(self) -> None:
-        assert self._child is not None
+        for words in self._stages:
+            if not self._compile(words):
+                return
+            try:
+                self._go_over()
+            except SoftSimError as error:
+                if not self._ended.is_set():
+                    self._logger.warning(f"the SciPy path goes on: {error}")
+
+    def _compile(self, words: list[str]) -> bool:
+        """Have a process compile, and wait for it; False where it failed, which is told, or all has ended."""
+        with self._changes:
+            if self._ended.is_set():
+                return False
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "softsim_core.warmup", "--beside", *words],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for the robot, which ends this process
+            )
         _, errors = self._child.communicate()
-        if self._ended.is_set():
-            return
-        if self._child.returncode or not kernels_ready():
+        if self._child.returncode and not self._ended.is_set():
             last = (errors.decode(errors="replace").strip().splitlines() or ["no reason was given"])[-1]
             self._logger.warning(f"kernels were not compiled ({last:.200}); the SciPy path goes on")
-            return
-        try:
-            self._go_over()
-        except SoftSimError as error:
-            if not self._ended.is_set():
-                self._logger.warning(f"the SciPy path goes on: {error}")
-        if self._begin(["--beside"]):
-            self._child.communicate()
+        return self._child.returncode == 0
 
     def _go_over(self) -> None:
-        """Until the simulation that runs steps by the kernels: another scene may come meanwhile."""
+        """Until the simulation that runs steps by the kernels, or needs some that are not compiled yet."""
         while not self._ended.is_set():
             running = self._physics.call(lambda simulation: simulation, shows=False)
-            if running.compiled:
+            if running.compiled or not (kernels_ready() or running.robot.source == self._scene):
                 return
             loaded = _compiled(running)
             if not loaded.compiled:

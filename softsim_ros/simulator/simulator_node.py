@@ -135,7 +135,8 @@ class Simulator(RobotNode):
             self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
         self._physics.start()
         if self._builder.waits(robot):
-            self._later = CompiledLater(self._physics, robot.source, self.get_logger())
+            as_its_file_says = None if first.overrides else robot.source
+            self._later = CompiledLater(self._physics, as_its_file_says, self.get_logger())
             self._later.start()
         self._state_topics = StateTopics(
             self,

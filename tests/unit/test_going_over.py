@@ -124,6 +124,33 @@ def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
 
 
 @pytest.mark.slow
+def test_a_scene_s_own_kernels_are_all_that_a_person_needs(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(REPOSITORY)}
+    own = [sys.executable, "-m", "softsim_core.warmup", "--only", "--scene", str(load_scene("tripod").source)]
+    subprocess.run(own, env=environment, check=True)
+    compiled = set(tmp_path.rglob("*.nbc"))
+    assert compiled
+    assert not list(tmp_path.rglob("ready-*"))
+    code = (
+        "from softsim_core import Simulation, load_scene\n"
+        "run = Simulation(load_scene('tripod'), backend='numba')\n"
+        "kept = run.snapshot()\n"
+        "run.start_animation()\n"
+        "run.set_damping(rayleigh_mass=1.0)\n"
+        "run.base_shift = 0.001\n"
+        "for step in range(20):\n"
+        "    run.command([-0.01 * step] * 3)\n"
+        "    run.forces = 0.001 + run.forces\n"
+        "    run.step()\n"
+        "run.von_mises(), run.frames(), run.joint_efforts\n"
+        "run.restore(kept)\n"
+        "run.step()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    assert set(tmp_path.rglob("*.nbc")) == compiled  # nothing of it compiles while the robot moves
+
+
+@pytest.mark.slow
 def test_the_robot_does_not_wait_for_the_swap() -> None:
     from softsim_ros.simulator.compiled_later import _compiled
 
@@ -144,7 +171,7 @@ def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any
 
     log = Log()
     later = CompiledLater(physics, None, log)
-    later._words = ["--nonsense"]
+    later._stages = [["--nonsense"]]
     later.start()
     assert spin_until(lambda: log.lines, 60.0)
     assert "kernels were not compiled" in log.lines[0]
@@ -164,9 +191,9 @@ def test_the_end_does_not_wait_for_the_compiler(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     later = CompiledLater(physics, None, Log())
     later.start()
+    assert spin_until(lambda: any(tmp_path.rglob("*.nbc")), 150.0)
     child = later._child
     assert child is not None
-    assert spin_until(lambda: any(tmp_path.rglob("*.nbc")), 150.0)
     began = time.monotonic()
     later.close()
     assert time.monotonic() - began < 2.0
