@@ -88,7 +88,7 @@ class Compiler:
         try:
             return cast(
                 F,
-                self._numba.njit(cache=True, nogil=True, fastmath=_FLAGS, error_model="numpy")(function),
+                self._numba.njit(cache=True, nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True)(function),
             )
         finally:
             config.CACHE_DIR = before

@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -31,6 +32,16 @@ settings.load_profile("seeded")  # each run draws the same examples, on every ma
 
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Reruns(RERUNS), "reruns")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """All pages one after the other, where files are shared among workers."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from distribution import OneBrowser
+
+    return OneBrowser(config, log)
 
 
 @pytest.hookimpl(trylast=True)
