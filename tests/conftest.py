@@ -47,7 +47,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Tell what failed when it fails: a run that is ended at its time limit prints no summary."""
-    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
+    if report.outcome in ("failed", "rerun") and "PYTEST_XDIST_WORKER" not in os.environ:
         crash = getattr(report.longrepr, "reprcrash", None)
         reason = (
             crash.message.splitlines()[0][:200] if crash and crash.message else str(report.longrepr)[:200]

@@ -27,9 +27,6 @@ RERUNS: Mapping[str, str] = {
     "tests/viewer/test_gripper_page.py::test_the_sliders_grasp_and_lift_the_cube": (
         "seen once on a busy machine: a number typed into a field of the page did not arrive"
     ),
-    "tests/viewer/test_edit_page.py::test_a_finger_is_built_by_the_mouse_saved_and_started_again": (
-        "seen once while ten nodes were shot at beside it: one of some twenty clicks did not arrive"
-    ),
     "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
         "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
     ),

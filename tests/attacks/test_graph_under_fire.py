@@ -272,7 +272,7 @@ def test_a_watched_process_tells_what_it_opens(
     assert any("scene.py" in line for lines in opened(audit).values() for line in lines)
 
 
-@pytest.mark.parametrize("count", [500, pytest.param(100_000, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("count", [200, pytest.param(100_000, marks=pytest.mark.exhaustive)])
 def test_every_node_lives_and_touches_no_foreign_file(
     nodes: tuple[Client, dict[str, NodeProcess]], bait: Bait, audit: Path, count: int
 ) -> None:

@@ -198,7 +198,14 @@ def test_a_policy_of_another_robot_does_not_start(start_policy: Callable[..., Be
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", ["environment", "simulator", "virtual board", "emulated board"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "environment",
+        *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("simulator", "virtual board")),
+        "emulated board",
+    ],
+)
 def test_the_shipped_policy_reaches_goals(
     where: str, start_process: Any, client: Any, spin_until: Any, tmp_path: Path
 ) -> None:

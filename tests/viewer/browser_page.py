@@ -11,6 +11,9 @@ from headless_browser import NOTHING_IS_DRAWN
 READY_MS = 90_000
 WAIT_MS = 60_000
 
+MERGED_MS = 60
+"""viser sends one message of the panel per 50 ms, the newest: nobody clicks twice in that time."""
+
 NODES = "window.__viserMutable.nodeRefFromName"
 
 PROJECT = f"""([x, y, z]) => {{
@@ -82,9 +85,11 @@ class BrowserPage:
 
     def click(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).click()
+        self.page.wait_for_timeout(MERGED_MS)
 
     def tick(self, name: str) -> None:
         self.page.get_by_role("checkbox", name=name, exact=True).click()
+        self.page.wait_for_timeout(MERGED_MS)
 
     def number(self, label: str) -> Any:
         """The number field of a slider."""
@@ -98,6 +103,7 @@ class BrowserPage:
         field.click()
         field.fill(option)
         self.page.get_by_role("option", name=option, exact=True).click()
+        self.page.wait_for_timeout(MERGED_MS)
 
     def set_number(self, label: str, value: float) -> None:
         """Type a number into the field of a slider."""

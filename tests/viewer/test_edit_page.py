@@ -198,12 +198,12 @@ def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
         assert actions == 8
         for _ in range(actions):
             page.click("Undo")  # as fast as the mouse is
-        assert editor.until(lambda: editor.newest.undoable == 0), editor.history
+        assert editor.until(lambda: editor.newest.undoable == 0), f"{editor.history}"
         assert not editor.newest.is_changed
         assert editor.newest.robot.scene.attachments == ()
         for _ in range(actions):
             page.click("Redo")
-        assert editor.until(lambda: editor.newest.undoable == actions), editor.history
+        assert editor.until(lambda: editor.newest.undoable == actions), f"{editor.history}"
         assert editor.newest.robot == built
         # applied: it runs, and obeys
         editor.ask("Apply", "applied: the scene begins anew")
