@@ -123,7 +123,7 @@ def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
         np.testing.assert_allclose(physics.states[step], alone.positions, rtol=0, atol=TOLERANCE * scale)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # compiles for a minute
 def test_a_scene_s_own_kernels_are_all_that_a_person_needs(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(REPOSITORY)}
     own = [sys.executable, "-m", "softsim_core.warmup", "--only", "--scene", str(load_scene("tripod").source)]
