@@ -61,6 +61,18 @@ def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
     return sp.csr_matrix(entries, shape=(3 * len(model.rest), unknowns.size))
 
 
+def generalised_forces(model: Model, unknowns: Unknowns, state: State, forces: Array) -> Array:
+    """Forces on nodes (n, 3) in [N] as those on all unknowns, J^T f without its matrix, shape (d,)."""
+    generalised = np.zeros(unknowns.size)
+    generalised[: unknowns.first_reduced] = forces[unknowns.free].ravel()
+    motion_subspace = model.motion_subspace(state)
+    for region in model.regions:
+        generalised[unknowns.first_reduced + region.reduced] += motion_subspace.work(
+            region.reduced, state.positions[region.nodes], forces[region.nodes]
+        )
+    return generalised
+
+
 def static_forces(model: Model, state: State, parameters: Parameters, external: Array) -> Array:
     """All forces on nodes at rest in [N], shape (n, 3): elastic, weight, soft fixings, external (n, 3)."""
     forces = external + model.weight

@@ -13,7 +13,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
 from softsim_core.dynamics.assembly import (
     Unknowns,
-    jacobian,
+    generalised_forces,
     node_stiffness,
     static_forces,
     static_tangent,
@@ -225,7 +225,8 @@ class StaticProblem:
             stiffness = node_stiffness(model, before, self.parameters)
             factors = self._factors(before, forces, goal, stiffness)
             stiffness = stiffness + on_nodes(model, self._geometric(before))
-            residual[: at.size] -= jacobian(model, at, before).T @ (stiffness @ driven)
+            pulled = (stiffness @ driven).reshape(-1, 3)
+            residual[: at.size] -= generalised_forces(model, at, before, pulled)
             self._move(state, self._solve(factors, residual, before))
         return state
 
@@ -264,7 +265,7 @@ class StaticProblem:
             kept = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
             residual[at.size :] = actuators.values(model, state) - kept.command
             residual[at.size :] += kept.compliance * multipliers
-        residual[: at.size] += jacobian(model, at, state).T @ forces.ravel()
+        residual[: at.size] += generalised_forces(model, at, state, forces)
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
 

@@ -298,6 +298,12 @@ class MotionSubspace:
         turned = np.swapaxes([cross_matrix(each) for each in self.angular[chosen]], 1, 2)
         return np.asarray(np.einsum("pki,kij->pkj", levers, turned) + self.linear[chosen])
 
+    def work(self, chosen: IndexArray, points: Array, forces: Array) -> Array:
+        """Work of `forces` (p, 3) on `points` (p, 3) a unit motion of each of some coordinates (k,), (k,)."""
+        force, moment = forces.sum(axis=0), np.cross(points, forces).sum(axis=0)
+        moments = moment - np.cross(self.origin[chosen], force)
+        return np.asarray(self.linear[chosen] @ force + np.einsum("ki,ki->k", self.angular[chosen], moments))
+
     def jacobian(self, k: int, points: Array) -> Array:
         """Velocity of `points` (p, 3) a unit velocity of reduced coordinate k, shape (p, 3)."""
         return np.asarray((points - self.origin[k]) @ cross_matrix(self.angular[k]).T + self.linear[k])
