@@ -63,7 +63,7 @@ class CompiledLater:
     def _run(self) -> None:
         for words in self._stages:
             if not self._compile(words):
-                return
+                continue  # the scene's file may be gone; all other kernels hold its own
             try:
                 self._go_over()
             except SoftSimError as error:

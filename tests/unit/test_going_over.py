@@ -183,6 +183,19 @@ def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any
 
 
 @pytest.mark.slow
+def test_a_scene_whose_file_is_gone_goes_over_once_all_kernels_stand(physics: Any, tmp_path: Path) -> None:
+    from softsim_ros.simulator.compiled_later import CompiledLater
+
+    compiled_kernels()
+    log = Log()
+    later = CompiledLater(physics, tmp_path / "gone.yaml", log)
+    later.start()
+    assert spin_until(lambda: physics.status.backend == "numba", 60.0), log.lines
+    assert "gone.yaml: no such file" in log.lines[0]
+    later.close()
+
+
+@pytest.mark.slow
 def test_the_end_does_not_wait_for_the_compiler(
     physics: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
