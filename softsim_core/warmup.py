@@ -165,7 +165,8 @@ def warm_up_large() -> float:
 
 def _compiling_contact() -> Popen[bytes]:
     """A process that compiles the kernels of contact, on a core of its own; its context waits for it."""
-    return Popen([sys.executable, "-m", "softsim_core.warmup", "--contact"])
+    words = ["--contact", "--parent", str(os.getpid())]  # who may be gone before it can ask who that is
+    return Popen([sys.executable, "-m", "softsim_core.warmup", *words])
 
 
 def _warm_up_contact() -> None:
@@ -221,9 +222,8 @@ def _alone(file: Path) -> Iterator[None]:
         yield
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(parent: int) -> None:
     """End this process when the one that started it is gone: compiling hears nothing for seconds."""
-    parent = os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -241,9 +241,10 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--scene", help="those of this scene or robot, too")
     parser.add_argument("--only", action="store_true", help="those of the scene, and no others")
     parser.add_argument("--small", action="store_true", help="none of large meshes")
+    parser.add_argument("--parent", type=int, default=os.getppid(), help="the process to end with")
     chosen = parser.parse_args(words)
     if chosen.beside or chosen.contact:
-        _end_with_parent()
+        _end_with_parent(chosen.parent)
     if chosen.beside and hasattr(os, "nice"):
         os.nice(_NICE)
     if chosen.contact:
