@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from waiting import DEADLINE_S, spin_until
@@ -18,15 +19,20 @@ GID_PREFIX = 12
 """Bytes of an endpoint's identifier that name its participant."""
 
 
+class NewsLostError(AssertionError):
+    """A process offers a service, and this one never got to hear by which node."""
+
+
 class Introductions:
     """Whom a node of the test has met, by participant: a process that starts again is met again.
 
     Args:
         node: The node; a thread serves its callbacks.
+        written: What the processes of the test have written, for a failure to show.
     """
 
-    def __init__(self, node: Any) -> None:
-        self._node = node
+    def __init__(self, node: Any, written: Callable[[], str]) -> None:
+        self._node, self._written = node, written
         self._met: set[bytes] = set()
 
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
@@ -45,9 +51,17 @@ class Introductions:
             return {}
 
     def wait(self, service: str) -> None:
-        """Wait until the process that offers a service (its full name) has found this one."""
-        met = spin_until(lambda: self._all_met(service))
-        assert met, f"no process is known to offer {service}, or none that does can be asked"
+        """Wait until the process that offers a service (its full name) has found this one.
+
+        Raises:
+            NewsLostError: no node is known to offer it, or none that does can be asked.
+        """
+        if not spin_until(lambda: self._all_met(service)):
+            nodes = sorted(self._node.get_node_names_and_namespaces())
+            raise NewsLostError(
+                f"no node is known to offer {service}, or none that does can be asked; known are {nodes},"
+                f" by process {self._participants()}{self._written()}"
+            )
 
     def _all_met(self, service: str) -> bool:
         """Whether all who offer a service now are met; strangers among them are asked first.
@@ -93,7 +107,7 @@ class Introductions:
         answered = threading.Event()
         end = time.monotonic() + DEADLINE_S
         while not answered.is_set():
-            assert time.monotonic() < end, f"no answer from {question}"
+            assert time.monotonic() < end, f"no answer from {question}{self._written()}"
             client.call_async(GetParameters.Request()).add_done_callback(lambda _: answered.set())
             answered.wait(REPEATED_AFTER_S)
         self._node.destroy_client(client)

@@ -38,6 +38,20 @@ def compiled_kernels() -> None:
         subprocess.run([sys.executable, "-m", "softsim_core.warmup", "--small"], cwd=REPOSITORY, check=True)
 
 
+SHARED_MEMORY = Path("/dev/shm")
+
+
+def forget_killed_processes(domain: int) -> None:
+    """Remove the mailboxes that killed processes left in the shared memory of a ROS domain that nobody uses.
+
+    Fast DDS names them by its port numbers. One whose owner died over a message can swallow those to the next
+    process that gets its number.
+    """
+    for port in range(7400 + 250 * domain, 7400 + 250 * (domain + 1)):
+        for name in (f"fastrtps_port{port}", f"fastrtps_port{port}_el", f"sem.fastrtps_port{port}_mutex"):
+            (SHARED_MEMORY / name).unlink(missing_ok=True)
+
+
 @contextmanager
 def private_ros(folder: Path) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`.
@@ -55,6 +69,7 @@ def private_ros(folder: Path) -> Iterator[int]:
         except OSError:
             guard.close()
             continue
+        forget_killed_processes(domain)
         with guard, pytest.MonkeyPatch.context() as patch:
             patch.setenv("ROS_DOMAIN_ID", str(domain))
             patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -70,6 +85,10 @@ def private_ros(folder: Path) -> Iterator[int]:
 def hears_hang_up() -> None:
     """In a child: a hang-up counts, also where the tests themselves were started to outlive one."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
+"""Signals by which a process ends that nobody ended."""
 
 
 class NodeProcess:
@@ -97,6 +116,12 @@ class NodeProcess:
     def output(self) -> str:
         return self._log.read_text()
 
+    @property
+    def state(self) -> str:
+        """Whether it runs, and what it has written."""
+        code = self.process.poll()
+        return f"[{'runs' if code is None else f'ended with {code}'}]\n{self.output}"
+
     def says(self, text: str, deadline_s: float = DEADLINE_S) -> bool:
         """Whether it writes `text` before the deadline (or has)."""
         spin_until(lambda: text in self.output or self.process.poll() is not None, deadline_s)
@@ -122,8 +147,8 @@ class ProcessGroup:
 
     @property
     def output(self) -> str:
-        """What all have written."""
-        return "\n".join(process.output for process in self._processes)
+        """Whether each runs, and what it has written."""
+        return "\n".join(process.state for process in self._processes)
 
     def end(self) -> None:
         """End what still runs; each has to end in order, and none may have written a traceback."""
@@ -131,6 +156,7 @@ class ProcessGroup:
             for process in self._processes:
                 if process.process.poll() is None:
                     assert process.end() == 0, process.output
+                assert -process.process.returncode not in CRASHES, process.state
                 assert "Traceback" not in process.output, process.output
         finally:
             for process in self._processes:
@@ -195,7 +221,7 @@ class Client:
         self._processes = processes
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
-        self._introductions = Introductions(self.node)
+        self._introductions = Introductions(self.node, lambda: self._written)
 
     def collect(self, message_type: Any, topic: str, qos: Any = 200, *, raw: bool = False) -> list[Any]:
         """A list that grows with every message of a topic from now on."""
