@@ -86,7 +86,7 @@ def product_task(
     r, z, p, q = sharing.room[0], sharing.room[1], sharing.room[2], sharing.room[3]
     scale = sharing.scale[0]
     if kind == COLUMNS:
-        first = low + BLOCK + task * WIDE
+        first = block_end(tree, s, low) + task * WIDE
         subtract_columns(tree, by.panels, s, low, first, min(first + WIDE, panel_end(tree, s)), by.line)
     elif kind == LINES:
         first = low + task * DEEP
@@ -151,12 +151,12 @@ def subtract_lines(
     tree: Tree, panels: SingleArray, s: int, first: int, last: int, low: int, line: SingleArray
 ) -> None:
     """What the columns after a block, which begins at row `low`, take off its rows first .. last."""
-    width, end = tree.width[s], panel_end(tree, s)
+    width, beyond, end = tree.width[s], block_end(tree, s, low), panel_end(tree, s)
     for k in range(first, last, ROWS):
         a = tree.panel[s] + k * width
         b, c, d = a + width, a + 2 * width, a + 3 * width
         t0, t1, t2, t3 = line[k], line[k + 1], line[k + 2], line[k + 3]
-        for j in range(low + BLOCK, end):
+        for j in range(beyond, end):
             value = line[j]
             t0 -= panels[a + j] * value
             t1 -= panels[b + j] * value
@@ -255,8 +255,9 @@ def precondition(
         line[:end] = np.float32(0.0)
         line[:own] = column[first : first + own]
         for low in range(0, own, BLOCK):
-            solve_block_forward(panels, begin, width, low, block_end(tree, s, low), line)
-            tasks = (end - low - BLOCK + WIDE - 1) // WIDE
+            high = block_end(tree, s, low)
+            solve_block_forward(panels, begin, width, low, high, line)
+            tasks = (end - high + WIDE - 1) // WIDE
             if tasks > 0:
                 product_phase(matrix, by, sharing, agenda, COLUMNS, s, low, tasks)
         column[first : first + own] = line[:own]
@@ -275,7 +276,7 @@ def precondition(
             line[j] = column[tree.row_index[row + j - later]]
         for low in range(own - 1 - (own - 1) % BLOCK, -1, -BLOCK):
             high = block_end(tree, s, low)
-            if low + BLOCK < end:
+            if high < end:
                 product_phase(matrix, by, sharing, agenda, LINES, s, low, (high - low + DEEP - 1) // DEEP)
             solve_block_back(panels, begin, width, low, high, line)
         column[first : first + own] = line[:own]

@@ -12,11 +12,12 @@ pytestmark = pytest.mark.numba
 
 from softsim_core import box_mesh  # noqa: E402
 from softsim_core.dynamics.numba_backend.scatter import node_pairs  # noqa: E402
+from softsim_core.linalg.agenda import open_agenda  # noqa: E402
 from softsim_core.linalg.cholesky import factor  # noqa: E402
 from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix, support_gradients  # noqa: E402
 from softsim_core.linalg.crew import Teamwork  # noqa: E402
 from softsim_core.linalg.divided_factor import lead_factor, room_for, support_factor  # noqa: E402
-from softsim_core.linalg.divided_solve import LARGE, sharing_of  # noqa: E402
+from softsim_core.linalg.divided_solve import BLOCK, LARGE, precondition, sharing_of  # noqa: E402
 from softsim_core.linalg.division import divided, with_room_for  # noqa: E402
 from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
 from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
@@ -27,9 +28,9 @@ from softsim_core.linalg.symbolic import Plan, plan  # noqa: E402
 CELLS = (9, 8, 8)
 
 
-def matrix_on_a_box() -> tuple[Plan, Matrix]:
+def matrix_on_a_box(cells: tuple[int, int, int] = CELLS) -> tuple[Plan, Matrix]:
     """A positive matrix that couples the nodes of a box, whose separators are large panels."""
-    mesh = box_mesh((0.1, 0.1, 0.1), CELLS)
+    mesh = box_mesh((0.1, 0.1, 0.1), cells)
     count, edges = len(mesh.points), np.unique(node_pairs(mesh.tets), axis=0)
     layout = plan(count, edges, edges[:0], 0, LANES, ROWS)
     own = matrix_layout(layout.position, edges, edges[:0], 0, LANES)
@@ -97,6 +98,25 @@ def test_divided_gradients_find_the_solution_and_the_same_for_any_threads() -> N
     assert np.abs(results[0] - results[3]).max() < 1e-12
     whole = dense(matrix)
     assert np.abs(whole @ results[0] - b).max() < 1e-10
+
+
+def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
+    layout, matrix = matrix_on_a_box((16, 12, 12))
+    division, count = divided(layout, 0.0), len(layout.position)
+    large = division.above[np.diff(layout.panel)[division.above] > LARGE]
+    assert ((layout.columns[large] % BLOCK > 0) & (layout.side[large] > 1)).any()  # a last block is not full
+    tree, store = tree_of(layout), empty_factor(layout, 0, np.float32)
+    copy_matrix(matrix, tree, supernodes(layout), store.panels)
+    factor(tree, store)
+    rotations, room = np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), np.zeros(3 * count, np.float32)
+    line = np.zeros(int(layout.width.max()) + ROWS, np.float32)
+    by, results = Preconditioner(tree, store.panels, rotations, room, line), []
+    for parts in (division, divided(layout, np.inf)):
+        sharing = sharing_of(parts, 3 * count)
+        sharing.room[0] = np.random.default_rng(2).normal(size=3 * count)
+        precondition(matrix, by, sharing, 1.0, open_agenda())
+        results.append(sharing.room[1])
+    assert np.abs(results[0] - results[1]).max() < 1e-5 * np.abs(results[1]).max()
 
 
 def dense(matrix: Matrix) -> np.ndarray:
