@@ -15,7 +15,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.linalg.symbolic import Plan, padded, plan_stack
 
-PARTS = 16
+PARTS = 24
 """A subtree costs at most this part of the whole, unless it is a single supernode."""
 
 
@@ -105,9 +105,11 @@ def _rows(plan: Plan, first: int, end: int) -> IndexArray:
 
 
 def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
-    """The plan with a stack in which the parts' updates lie apart."""
+    """The plan with a stack in which the parts' updates lie apart; those above them use room that is left."""
     needs, update, end = padded(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
+    left: list[int] = []
     for low, high in zip(division.first.tolist(), division.end.tolist(), strict=True):
         end = plan_stack(range(low, high), needs, plan.parent, update, end)
-    end = plan_stack(division.above.tolist(), needs, plan.parent, update, end)
-    return replace(plan, update=update, stack_size=end)
+        left += (low + np.flatnonzero(plan.parent[low:high] >= high)).tolist()
+    beyond = plan_stack(division.above.tolist(), needs, plan.parent, update, waiting=left)
+    return replace(plan, update=update, stack_size=max(end, beyond))

@@ -365,8 +365,9 @@ def padded(length: Any, multiple: int) -> Any:
 
 
 def plan_stack(
-    sequence: Iterable[int], needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0
-) -> int:
+    sequence: Iterable[int], needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0,
+    waiting: Iterable[int] = (),
+) -> int:  # fmt: skip
     """Fill `update` of supernodes in sequence with the first fit of each beside those still needed.
 
     Args:
@@ -375,11 +376,14 @@ def plan_stack(
         parent: Of each supernode, shape (s,).
         update: Offsets, shape (s,).
         base: The lowest offset.
+        waiting: Supernodes whose updates lie there already and wait for some of the sequence.
 
     Returns:
         The end of the stack.
     """
     held: dict[int, list[tuple[int, int]]] = {}  # parent -> start and end of the updates that wait for it
+    for s in waiting:
+        held.setdefault(int(parent[s]), []).append((int(update[s]), int(update[s] + needs[s])))
     highest = base
     for s in sequence:
         need, start = int(needs[s]), base

@@ -146,7 +146,7 @@ def test_auto_iterates_where_a_factor_has_too_much_to_do(monkeypatch: pytest.Mon
     small = hanging("auto")
     small.step()
     assert small.report.linear_iterations == 0
-    monkeypatch.setattr(planning, "LARGE", 100)
+    monkeypatch.setattr(planning, "MANY", 100)
     monkeypatch.setattr(planning, "CROSSING", 20.0)
     large = hanging("auto")
     large.step()

@@ -121,6 +121,7 @@ class IterativeElimination:
     def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
         """See Elimination: the preconditioner is that of the matrix at rest."""
         self._assemble(*rest())
+        self.by = self.by._replace(panels=np.zeros(0, np.float32))  # room for the next
         for kind in (np.float32, np.float64):  # the second where rounding took the first a pivot
             store = empty_factor(self.plan, 0, kind)
             copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)

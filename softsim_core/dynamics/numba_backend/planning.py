@@ -11,15 +11,18 @@ from softsim_core.dynamics.numba_backend.prepare import prepare
 from softsim_core.linalg.division import Division, divided, with_room_for
 from softsim_core.linalg.elimination import factor_cost, graph_of
 from softsim_core.linalg.matrix_layout import matrix_layout
-from softsim_core.linalg.ordering import LARGE, elimination_order
+from softsim_core.linalg.ordering import elimination_order
 from softsim_core.linalg.simd import LANES, ROWS
 from softsim_core.linalg.symbolic import Plan, plan
 from softsim_core.mechanics.model import Model
 
-CROSSING = 450.0
+MANY = 2000
+"""Free nodes above which iterations are thought of: with fewer, a factor stays in the cache."""
+
+CROSSING = 250.0
 """Flops for each number of a factor above which reading it ten times is faster than renewing it.
 
-Measured with some 40 Gflop/s, 10 GB/s and eight iterations per step.
+Measured with some 25 Gflop/s, 10 GB/s and eight iterations per step.
 """
 
 
@@ -39,7 +42,7 @@ def planned_elimination(
         order = elimination_order(graph)
         chosen = iterative
         if chosen is None:
-            flops, numbers = factor_cost(graph, order) if count > LARGE else (0.0, 0.0)
+            flops, numbers = factor_cost(graph, order) if count > MANY else (0.0, 0.0)
             chosen = flops > CROSSING * numbers * (reduced_size + 1)  # one solution for each of these
         if not chosen:
             return shared(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
