@@ -86,6 +86,8 @@ class PairedCells:
         self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
         self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
         self._panels = panels
+        self._no_forces = np.zeros((len(local), 3))
+        self._filled = np.zeros(1, np.bool_)  # whether the blocks hold anything; of all copies, as they are
         self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
         self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
@@ -128,7 +130,8 @@ class PairedCells:
     ) -> Array:
         """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
 
-        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later.
+        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later. The forces
+        are for reading.
 
         Args:
             state: Positions.
@@ -141,9 +144,13 @@ class PairedCells:
             mean_share: See there.
         """
         x, kept = state.positions, self.pairs.blocks
+        if self._filled[0]:
+            kept[:] = 0.0
+        self._filled[0] = bool(self._groups)
+        if not self._groups:
+            return self._no_forces
         forces = np.zeros_like(x)
         velocities = forces.copy() if straining is None else straining
-        kept[:] = 0.0
         for k, group in enumerate(self._groups):
             points, fill_points, strain = self._points[k], self._fill_points[k], self._strain[k]
             by = forces[:0] if moved is None else moved
@@ -192,6 +199,7 @@ class PairedCells:
             scale: What the stiffness is multiplied by.
         """
         forces = np.zeros_like(velocities)
+        self._filled[0] = True
         first = len(self._groups)
         for k, (surface, of_faces) in enumerate(zip(self._pressed, stiffness, strict=True)):
             vectors = np.ascontiguousarray(of_faces)
@@ -201,6 +209,7 @@ class PairedCells:
 
     def couple(self, masses: Sequence[Array], scale: float) -> None:
         """Add masses (m, a, a) in [kg] of the coupled cells times `scale` to the matrix, after `fill`."""
+        self._filled[0] = True
         first = len(self._groups) + len(self._surfaces)
         for k, (cells, of_cells) in enumerate(zip(self._coupled, masses, strict=True)):
             self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
