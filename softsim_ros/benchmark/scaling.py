@@ -46,6 +46,11 @@ SILICONE_LEVELS = {"1k": (3, 2), "3k": (5, 4), "10k": (8, 6), "30k": (12, 9), "5
 
 SILICONE = MaterialDescription(young_modulus=250e3, poisson_ratio=0.45)
 
+PEER_SIZES = ("1k", "3k", "10k")
+"""Larger bodies take other engines seconds per step."""
+
+PEER_ROUNDS = 3
+
 SPLU_SIZES = QUICK_SIZES
 """Larger matrices take SuperLU minutes."""
 
@@ -108,19 +113,20 @@ def mesh_of(shape: str, size: str) -> TetMesh:
     return tripod_silicone(*SILICONE_LEVELS[size])
 
 
-def held(mesh: TetMesh, threads: int = 1) -> Simulation:
+def held_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
     """A body of silicone, held where it is near the z axis and low, that falls under gravity."""
     near = Box(center=(0.0, 0.0, 0.0), size=(0.03, 0.03, 0.03))
     hold = AttachmentDescription(name="hold", body="body", to="world", box=near)
     body = BodyDescription(name="body", mesh=mesh, material=SILICONE, total_mass=0.05)
+    solver = SolverSettings(threads=threads)
+    return SceneDescription(name="scaling", bodies=(body,), attachments=(hold,), solver=solver)
+
+
+def held(mesh: TetMesh, threads: int = 1) -> Simulation:
+    """That scene, compiled."""
     with warnings.catch_warnings():  # slivers of a mesh are no news here
         warnings.simplefilter("ignore", UserWarning)
-        return Simulation(
-            SceneDescription(
-                name="scaling", bodies=(body,), attachments=(hold,), solver=SolverSettings(threads=threads)
-            ),
-            backend="numba",
-        )
+        return Simulation(held_scene(mesh, threads), backend="numba")
 
 
 def measure_scale(shape: str, size: str) -> Scale:

@@ -224,6 +224,24 @@ def test_other_engines_find_our_sag(package: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.numba
+def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mjcf]'")
+    from softsim_core.scene.robot import RobotDescription
+    from softsim_ros.benchmark.peers.comparison import compare
+    from softsim_ros.benchmark.report import peer_table
+    from softsim_ros.benchmark.scaling import held_scene, mesh_of
+
+    scene = RobotDescription(scene=held_scene(mesh_of("silicone", "1k")))
+    records, _ = compare(Case("scaling", "silicone 1k", scene), rounds=1, to_rest=False)
+    assert {"mujoco", "mujoco_unconverged"} <= {each.path for each in records}
+    for record in records:
+        assert 0.0 < record.extras["ours_min_ms"] < record.min_ms
+        assert record.extras["sag_mm"] is record.extras["ours_sag_mm"] is None
+    assert len(peer_table(records)) == 1 + len(records)
+
+
+@pytest.mark.slow
 def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
     pytest.importorskip("pydrake", reason="pydrake is not installed: pip install 'softsim[peers]'")
     from softsim_core import Simulation

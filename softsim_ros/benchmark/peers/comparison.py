@@ -71,12 +71,13 @@ class OurBody:
         return self._simulation.positions
 
 
-def compare(case: Case, rounds: int) -> tuple[list[Record], list[str]]:
+def compare(case: Case, rounds: int, to_rest: bool = True) -> tuple[list[Record], list[str]]:
     """Measure the held body of a case in our step and in every engine that is installed.
 
     Args:
         case: A held scene.
         rounds: Turns of each engine.
+        to_rest: Whether to go on until the body rests, for its sag.
 
     Returns:
         Records of the other engines (our own figures in `ours_min_ms`, `ours_sag_mm`), and what is missing.
@@ -98,7 +99,8 @@ def compare(case: Case, rounds: int) -> tuple[list[Record], list[str]]:
         for each, steps in zip((ours, *engines), calls, strict=True)
     ]
     times = take_turns(contenders, rounds)
-    for engine in (ours, *(each for each in engines if each.rests)):
+    resting = [each for each in (ours, *engines) if each.rests and to_rest]
+    for engine in resting:
         for _ in range(round(SETTLING_S / body.dt)):
             engine.advance()
     fastest = float(times[ours.name].min())
@@ -112,8 +114,8 @@ def compare(case: Case, rounds: int) -> tuple[list[Record], list[str]]:
             min_ms=float(times[engine.name].min()),
             median_ms=float(np.median(times[engine.name])),
             extras={
-                "sag_mm": 1e3 * body.sag(engine.points()) if engine.rests else None,
-                "ours_sag_mm": 1e3 * body.sag(ours.points()),
+                "sag_mm": 1e3 * body.sag(engine.points()) if engine in resting else None,
+                "ours_sag_mm": 1e3 * body.sag(ours.points()) if to_rest else None,
                 "ours_min_ms": fastest,
                 "ours_median_ms": float(np.median(times[ours.name])),
                 "dt_s": body.dt,

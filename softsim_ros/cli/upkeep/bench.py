@@ -13,6 +13,7 @@ from softsim_ros.benchmark.machine import describe_machine, limit_threads  # loa
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from softsim_ros.benchmark.cases import Case
     from softsim_ros.benchmark.records import Record
     from softsim_ros.benchmark.rubber import RubberTime
     from softsim_ros.benchmark.sensing import SensorTime
@@ -63,7 +64,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scaling",
         action="store_true",
-        help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k)",
+        help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k); "
+        "with --peers beside other engines, to 10 k",
     )
     parser.add_argument(
         "--rubber",
@@ -202,20 +204,29 @@ def _peers(
 ) -> list[Record]:
     """Measure the held body in other engines and print it; their records."""
     from softsim_ros.benchmark.cases import Case, describe
+
+    chosen = meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]
+    cases = [Case("held_centre", mesh, describe("held_centre", mesh, reference)) for mesh in chosen]
+    records = _compared(cases, _rounds(arguments))
+    for found in records:
+        for record in ours:  # the sag of the same run stands beside our own time, too
+            if (record.scene, record.mesh, record.path) == ("held_centre", found.mesh, "numba"):
+                record.extras["sag_mm"] = found.extras["ours_sag_mm"]
+    return records
+
+
+def _compared(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[Record]:
+    """Measure held bodies in other engines and print it; their records."""
     from softsim_ros.benchmark.peers.comparison import compare
     from softsim_ros.benchmark.report import peer_table
 
     records: list[Record] = []
     notes: dict[str, None] = {}
-    for mesh in meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]:
-        _say(f"measuring the held body in other engines on {mesh} ...")
-        case = Case("held_centre", mesh, describe("held_centre", mesh, reference))
-        found, missing = compare(case, _rounds(arguments))
+    for case in cases:
+        _say(f"measuring the held body in other engines on {case.mesh} ...")
+        found, missing = compare(case, rounds, to_rest)
         records += found
         notes |= dict.fromkeys(missing)
-        for record in ours:  # the sag of the same run stands beside our own time, too
-            if found and (record.scene, record.mesh, record.path) == ("held_centre", mesh, "numba"):
-                record.extras["sag_mm"] = found[0].extras["ours_sag_mm"]
     print("\nthe held body in other engines, one dt of the scene; sag: of the lowest node, at rest")
     print("\n".join([*(peer_table(records) if records else ()), *notes]))
     return records
@@ -275,24 +286,40 @@ def _scaling(arguments: argparse.Namespace) -> int:
     if "numba" not in known_paths():
         return _refuse("--scaling needs the package numba: pip install numba")
     print("\n".join(describe_machine()))
-    scales = []
+    scales, sizes = [], QUICK_SIZES if arguments.quick else SIZES
     try:
-        for each in measure_scaling(QUICK_SIZES if arguments.quick else SIZES):
+        for each in measure_scaling(sizes):
             _say(f"measured {each.shape} {each.size}: {each.step_ms:.1f} ms a step")
             scales.append(each)
-        if arguments.json:
-            write_json(scales, arguments.json)
     except ScalingError as error:
         _say(f"softsim bench: {error}")
-        return 1
-    except OSError as error:
-        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
         return 1
     print(
         "whole steps of a held body that falls, processor time of one thread, shortest; plan: symbolic only"
     )
     print("\n".join(scaling_table(scales)))
+    peers = _scaling_peers(sizes) if arguments.peers else []
+    if arguments.json:
+        try:
+            write_json([*scales, *peers], arguments.json)
+        except OSError as error:
+            _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
+            return 1
     return 0
+
+
+def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
+    """Measure the same bodies in other engines, where they step in less than seconds; their records."""
+    from softsim_core.scene.robot import RobotDescription
+    from softsim_ros.benchmark.cases import Case
+    from softsim_ros.benchmark.scaling import PEER_ROUNDS, PEER_SIZES, SHAPES, held_scene, mesh_of
+
+    bodies = [(shape, size) for shape in SHAPES for size in sizes if size in PEER_SIZES]
+    cases = [
+        Case("scaling", f"{shape} {size}", RobotDescription(scene=held_scene(mesh_of(shape, size))))
+        for shape, size in bodies
+    ]
+    return _compared(cases, PEER_ROUNDS, to_rest=False)
 
 
 def _rubber(arguments: argparse.Namespace) -> int:
