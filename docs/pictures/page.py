@@ -9,7 +9,9 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +62,16 @@ def bend(page: Any) -> None:
     press(page, "Q bent pose")
 
 
+def choose(page: Any, label: str, option: str) -> None:
+    """Choose from a list that opens."""
+    field = (
+        page.locator("label").get_by_text(label, exact=True).locator("xpath=../../..").get_by_role("combobox")
+    )
+    field.click()
+    field.fill(option)
+    page.get_by_role("option", name=option, exact=True).click()
+
+
 MOVES: dict[str, Callable[[Any], None]] = {"tripod": mid_pose, "cable_gripper": grasp, "pneu_finger": bend}
 
 
@@ -68,8 +80,9 @@ def window(size: tuple[int, int]) -> dict[str, int]:
     return {"width": size[0], "height": size[1]}
 
 
-def take(browser: Any, robot: str, port: int) -> None:
-    """Start a robot with its page, move it, and write what a wide window and a phone see."""
+@contextmanager
+def open_page(browser: Any, robot: str, port: int) -> Iterator[Any]:
+    """Start a robot with its page, and open that in a wide window."""
     words = ["up", robot, "--headless", "--no-bridge", "--port", str(port)]
     command = [sys.executable, "-m", "softsim_ros.cli", *words]
     with subprocess.Popen(
@@ -86,25 +99,52 @@ def take(browser: Any, robot: str, port: int) -> None:
             page.get_by_text("running").first.wait_for(state="visible")
             if page.get_by_text(WARNING).count():
                 page.locator(".mantine-Notification-closeButton").first.click()
-            MOVES[robot](page)
-            page.wait_for_timeout(15_000)
-            page.screenshot(path=IMAGES / f"viewer_{robot}.png")
-            page.get_by_role("tab", name="View", exact=True).click()
-            page.get_by_role("checkbox", name="Stress colours", exact=True).click()
-            page.wait_for_timeout(5000)
-            page.screenshot(path=IMAGES / f"viewer_{robot}_stress.png")
-            page.set_viewport_size(window(PHONE))
-            page.get_by_role("tab", name="Drive", exact=True).click()
-            page.wait_for_timeout(5000)
-            page.screenshot(path=IMAGES / f"viewer_{robot}_phone.png")
+            yield page
             page.close()
         finally:
             up.terminate()
+
+
+def take(browser: Any, robot: str, port: int) -> None:
+    """Move a robot, and write what a wide window and a phone see."""
+    with open_page(browser, robot, port) as page:
+        MOVES[robot](page)
+        page.wait_for_timeout(15_000)
+        page.screenshot(path=IMAGES / f"viewer_{robot}.png")
+        page.get_by_role("tab", name="View", exact=True).click()
+        page.get_by_role("checkbox", name="Stress colours", exact=True).click()
+        page.wait_for_timeout(5000)
+        page.screenshot(path=IMAGES / f"viewer_{robot}_stress.png")
+        page.set_viewport_size(window(PHONE))
+        page.get_by_role("tab", name="Drive", exact=True).click()
+        page.wait_for_timeout(5000)
+        page.screenshot(path=IMAGES / f"viewer_{robot}_phone.png")
+
+
+def take_own_robot(browser: Any, port: int) -> None:
+    """Make a robot of a part; write how its cable pulls it, and how its tip is edited."""
+    part = ROOT / "configs" / "parts" / "fin_ray_finger.stl"
+    with tempfile.TemporaryDirectory() as folder:
+        new = [sys.executable, "-m", "softsim_ros.cli", "new", "my_finger", "--from", str(part)]
+        subprocess.run(new, check=True, stdout=subprocess.DEVNULL, cwd=folder)
+        with open_page(browser, f"{folder}/my_finger/my_finger.yaml", port) as page:
+            press(page, "Q moved pose")
+            page.wait_for_timeout(15_000)
+            page.screenshot(path=IMAGES / "own_robot.png")
+            page.get_by_role("tab", name="Edit", exact=True).click()
+            page.get_by_role("checkbox", name="Edit", exact=True).click()
+            page.wait_for_timeout(5000)
+            choose(page, "Chosen part", "attachments/tip")
+            page.wait_for_timeout(5000)
+            page.screenshot(path=IMAGES / "viewer_edit.png")
 
 
 if __name__ == "__main__":
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=chromium, headless=True, args=SOFTWARE_GL)
-        for number, name in enumerate(sys.argv[1:] or MOVES):
-            take(running, name, 8090 + number)
+        for number, name in enumerate(sys.argv[1:] or [*MOVES, "own_robot"]):
+            if name == "own_robot":
+                take_own_robot(running, 8090 + number)
+            else:
+                take(running, name, 8090 + number)
