@@ -11,7 +11,6 @@ supernodes).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -262,7 +261,7 @@ def _lay_out(
         width=width,
         panel=panel,
         update=update,
-        stack_size=plan_stack(range(size), padded(side, tile_rows) * (width - later), parent, update),
+        stack_size=plan_stack(np.arange(size), padded(side, tile_rows) * (width - later), parent, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
         first_run=first_run,
@@ -365,13 +364,15 @@ def padded(length: Any, multiple: int) -> Any:
 
 
 def plan_stack(
-    sequence: Iterable[int], needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0,
-    waiting: Iterable[int] = (),
+    sequence: IndexArray, needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0,
+    waiting: IndexArray | None = None,
 ) -> int:  # fmt: skip
-    """Fill `update` of supernodes in sequence with the first fit of each beside those still needed.
+    """Fill `update` of supernodes, the longest first: each at the first place that stays free for it.
+
+    An update is needed from when its supernode is factored until its parent is.
 
     Args:
-        sequence: Supernodes in the order in which they are factored; only their updates have to lie apart.
+        sequence: Supernodes in the order in which they are factored, shape (k,).
         needs: Length of each update, shape (s,).
         parent: Of each supernode, shape (s,).
         update: Offsets, shape (s,).
@@ -381,18 +382,23 @@ def plan_stack(
     Returns:
         The end of the stack.
     """
-    held: dict[int, list[tuple[int, int]]] = {}  # parent -> start and end of the updates that wait for it
-    for s in waiting:
-        held.setdefault(int(parent[s]), []).append((int(update[s]), int(update[s] + needs[s])))
-    highest = base
-    for s in sequence:
-        need, start = int(needs[s]), base
-        for low, high in sorted(each for waiting in held.values() for each in waiting):
-            if low - start >= need:
-                break
-            start = high
-        update[s] = start
-        highest = max(highest, start + need)
-        held.pop(s, None)
-        held.setdefault(int(parent[s]), []).append((start, start + need))
-    return highest
+    there = np.zeros(0, np.int64) if waiting is None else waiting
+    count, time = len(sequence), np.full(len(parent) + 1, len(sequence))  # the last: no parent
+    time[sequence] = np.arange(count)
+    longest_first = sequence[np.argsort(-needs[sequence], kind="stable")]
+    placed = np.concatenate([there, longest_first])
+    begin, end = time[placed], time[parent[placed]]
+    begin[: len(there)] = -1
+    low = np.concatenate([update[there], np.zeros(count, np.int64)])
+    high = low + needs[placed]
+    for k in range(len(there), len(placed)):
+        beside = np.flatnonzero((begin[:k] <= end[k]) & (end[:k] >= begin[k]))
+        beside = beside[np.argsort(low[beside], kind="stable")]
+        free = np.maximum.accumulate(
+            np.append(base, high[beside])
+        )  # from where on, before each and at the end
+        fits = np.flatnonzero(low[beside] - free[:-1] >= needs[placed[k]])
+        low[k] = free[fits[0] if len(fits) else -1]
+        high[k] = low[k] + needs[placed[k]]
+    update[placed] = low
+    return int(high.max(initial=base))

@@ -23,7 +23,7 @@ from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
 from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
 from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
 from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.linalg.symbolic import Plan, plan  # noqa: E402
+from softsim_core.linalg.symbolic import Plan, plan, plan_stack  # noqa: E402
 
 CELLS = (9, 8, 8)
 
@@ -117,6 +117,26 @@ def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
         precondition(matrix, by, sharing, 1.0, open_agenda())
         results.append(sharing.room[1])
     assert np.abs(results[0] - results[1]).max() < 1e-5 * np.abs(results[1]).max()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_updates_that_wait_at_the_same_time_lie_apart(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size, first = int(rng.integers(2, 60)), int(rng.integers(0, 20))
+    parent = np.array([rng.integers(s + 1, size) if s < size - 1 else -1 for s in range(size)])
+    parent[rng.random(size) < 0.1] = -1
+    needs, update = 8 * rng.integers(0, 40, size), np.zeros(size, np.int64)
+    first = min(first, size - 1)
+    end = plan_stack(np.arange(first), needs, parent, update, 16)
+    waiting = np.flatnonzero((np.arange(size) < first) & ((parent >= first) | (parent < 0)))
+    end = max(end, plan_stack(np.arange(first, size), needs, parent, update, 16, waiting))
+    until = np.where(parent < 0, size, parent)
+    for s in range(size):
+        for t in range(s):
+            if s <= until[t]:  # t is still needed when s begins
+                assert update[t] + needs[t] <= update[s] or update[s] + needs[s] <= update[t]
+    assert update.min() >= 16
+    assert (update + needs).max() == end
 
 
 def dense(matrix: Matrix) -> np.ndarray:
