@@ -105,11 +105,15 @@ def _rows(plan: Plan, first: int, end: int) -> IndexArray:
 
 
 def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
-    """The plan with a stack in which the parts' updates lie apart; those above them use room that is left."""
+    """The plan with a stack in which the parts' updates lie apart; those above them use room that is left.
+
+    What a part leaves for supernodes above it, or for the unknowns after all of them, stays where it is.
+    """
     needs, update, end = padded(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
     left = [np.zeros(0, np.int64)]
     for low, high in zip(division.first.tolist(), division.end.tolist(), strict=True):
         end = plan_stack(np.arange(low, high), needs, plan.parent, update, end)
-        left.append(low + np.flatnonzero(plan.parent[low:high] >= high))
+        above = plan.parent[low:high]
+        left.append(low + np.flatnonzero((above >= high) | (above < 0)))
     beyond = plan_stack(division.above, needs, plan.parent, update, waiting=np.concatenate(left))
     return replace(plan, update=update, stack_size=max(end, beyond))

@@ -23,7 +23,7 @@ from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
 from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
 from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
 from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.linalg.symbolic import Plan, plan, plan_stack  # noqa: E402
+from softsim_core.linalg.symbolic import Plan, padded, plan, plan_stack  # noqa: E402
 
 CELLS = (9, 8, 8)
 
@@ -137,6 +137,34 @@ def test_updates_that_wait_at_the_same_time_lie_apart(seed: int) -> None:
                 assert update[t] + needs[t] <= update[s] or update[s] + needs[s] <= update[t]
     assert update.min() >= 16
     assert (update + needs).max() == end
+
+
+def test_updates_of_several_bodies_lie_apart_until_the_last_unknowns_have_taken_them() -> None:
+    """Three boxes on one frame: trees of their own, whose roots leave what the frame takes at the end."""
+    bodies, count = [], 0
+    for cells in ((3, 3, 3), (8, 7, 7), (4, 3, 3)):
+        mesh = box_mesh((0.1, 0.1, 0.1), cells)
+        bodies.append(count + np.unique(node_pairs(mesh.tets), axis=0))
+        count += len(mesh.points)
+    frame = np.stack(np.meshgrid(np.arange(count, step=5), np.arange(6)), axis=-1).reshape(-1, 2)
+    layout = plan(count, np.concatenate(bodies), frame, 6, LANES, ROWS)
+    division = divided(layout, 0.0)
+    roomy = with_room_for(layout, division, ROWS)
+    part = np.full(len(layout.parent), -1)
+    for number, (low, high) in enumerate(zip(division.first, division.end, strict=True)):
+        part[low:high] = number
+    roots = (layout.parent < 0) & (layout.side > 1)
+    assert len(division.above) > 0
+    assert (roots & (part >= 0)).any()  # a small body lies in a part as a whole
+    length = padded(layout.side, ROWS) * (layout.width - layout.later)
+    until = np.where(layout.parent < 0, len(layout.parent), layout.parent)
+    for s in np.flatnonzero(length):
+        for t in np.flatnonzero(length[:s]):
+            other_part = part[s] >= 0 and part[t] >= 0 and part[s] != part[t]  # at the same time, maybe
+            if other_part or (part[s] in (-1, part[t]) and s <= until[t]):
+                before, after = sorted((s, t), key=lambda each: roomy.update[each])
+                assert roomy.update[before] + length[before] <= roomy.update[after]
+    assert (roomy.update + length).max() <= roomy.stack_size
 
 
 def dense(matrix: Matrix) -> np.ndarray:
