@@ -46,8 +46,8 @@ SILICONE_LEVELS = {"1k": (3, 2), "3k": (5, 4), "10k": (8, 6), "30k": (12, 9), "5
 
 SILICONE = MaterialDescription(young_modulus=250e3, poisson_ratio=0.45)
 
-PEER_SIZES = ("1k", "3k", "10k")
-"""Larger bodies take other engines seconds per step."""
+PEER_SIZES = QUICK_SIZES
+"""Larger bodies take other engines many seconds per step."""
 
 PEER_ROUNDS = 3
 

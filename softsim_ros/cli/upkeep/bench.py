@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--scaling",
         action="store_true",
         help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k); "
-        "with --peers beside other engines, to 10 k",
+        "with --peers beside other engines, to 3 k",
     )
     parser.add_argument(
         "--rubber",
