@@ -107,6 +107,8 @@ class ServoBridge(GuardedLifecycleNode):
             if refusal or driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
+            if self._input is not None:
+                self._input.forget()  # sent while a port was opened, before an e-stop was cleared
             self._session.start()
             self._reports.trouble = ""
         self.get_logger().info(f"sending to {driver.port} at {1.0 / driver.period:g} Hz")

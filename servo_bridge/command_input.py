@@ -48,6 +48,13 @@ class CommandInput:
         )
         self.topic = str(self._subscription.topic_name)
 
+    def forget(self) -> None:
+        """Drop commands that wait to be read; called in the thread that reads them."""
+        waiting = self._subscription.handle
+        with waiting:
+            while waiting.take_message(self._subscription.msg_type, True) is not None:
+                pass
+
     def close(self) -> None:
         """Follow the topic no more."""
         self._node.destroy_subscription(self._subscription)
