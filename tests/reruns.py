@@ -24,9 +24,6 @@ RERUNS: Mapping[str, str] = {
     "tests/ros/test_maze_run.py::test_the_ball_reaches_the_goal": (
         "the inverse controller works by the wall clock; where the machine pauses it, the plate tilts late"
     ),
-    "tests/viewer/test_gripper_page.py::test_the_sliders_grasp_and_lift_the_cube": (
-        "seen once on a busy machine: a number typed into a field of the page did not arrive"
-    ),
     "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
         "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
     ),

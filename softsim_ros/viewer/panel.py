@@ -87,11 +87,19 @@ class Control:
     def __init__(self, handle: Any, action: Callable[[Any], None]) -> None:
         self._handle, self._action = handle, action
         self._on_page = handle.value
+        self._differed = False
         self._taken_at = -float("inf")
 
     def show(self, value: Any) -> None:
-        """Show what the robot has, unless a person has just changed it."""
-        if value != self._handle.value and time.monotonic() - self._taken_at > HOLD_S:
+        """Show what the robot has, unless a person has just changed it.
+
+        viser gives the handle a person's value before that is taken here. So a value that differs while the
+        robot's is the one shown before may be such a one: it is replaced only if it was there at the last
+        call too, and has been taken since.
+        """
+        differed, self._differed = self._differed, value != self._handle.value
+        news = value != self._on_page or differed
+        if self._differed and news and time.monotonic() - self._taken_at > HOLD_S:
             self._handle.value = self._on_page = value
 
     def take(self, value: Any) -> None:

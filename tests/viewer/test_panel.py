@@ -53,3 +53,36 @@ def test_what_a_person_has_set_stays_a_while(monkeypatch: pytest.MonkeyPatch) ->
     now += panel.HOLD_S + 0.1
     control.show(1.0)
     assert field.value == 1.0
+
+
+def test_a_click_that_waits_while_the_page_is_refreshed_is_not_undone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, taken = 100.0, list[bool]()
+    monkeypatch.setattr(panel.time, "monotonic", lambda: now)
+    field = Field(True)
+    control = Control(field, taken.append)
+    for clicked in (False, True, False):
+        field.value = clicked  # viser's own doing, before the frame that takes it
+        control.show(not clicked)
+        assert field.value == clicked
+        control.take(clicked)
+        control.show(clicked)
+        now += panel.HOLD_S + 0.1
+    assert taken == [False, True, False]
+
+
+def test_what_the_robot_refuses_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(panel.time, "monotonic", lambda: now)
+    field = Field(False)
+    control = Control(field, lambda _: None)
+    field.value = True
+    control.take(True)
+    now += panel.HOLD_S + 0.1
+    control.show(False)
+    assert field.value is False
+    field.value = True  # by a browser that told nobody: seen at the second look
+    control.show(False)
+    control.show(False)
+    assert field.value is False
