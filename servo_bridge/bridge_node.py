@@ -81,7 +81,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
         self._state_topics = StateTopics(self, self._reports.facts())
         self._e_stop_services = EStopServices(
-            self, self._e_stop, self._state_topics.refresh, self._reports.told_at_stop
+            self, self._e_stop, self._forget_commands, self._state_topics.refresh, self._reports.told_at_stop
         )
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
@@ -107,8 +107,7 @@ class ServoBridge(GuardedLifecycleNode):
             if refusal or driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
-            if self._input is not None:
-                self._input.forget()  # sent while a port was opened, before an e-stop was cleared
+            self._forget_commands()  # sent while a port was opened
             self._session.start()
             self._reports.trouble = ""
         self.get_logger().info(f"sending to {driver.port} at {1.0 / driver.period:g} Hz")
@@ -202,6 +201,11 @@ class ServoBridge(GuardedLifecycleNode):
             self._session.close(relax=self._live.values.relax_at_end)
             if not self._closed:
                 self._release_input()
+
+    def _forget_commands(self) -> None:
+        waiting = self._input
+        if waiting is not None:
+            waiting.forget()
 
     def _release_input(self) -> None:
         if self._input is not None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import TypeVar
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -49,9 +51,9 @@ class CommandInput:
         self.topic = str(self._subscription.topic_name)
 
     def forget(self) -> None:
-        """Drop commands that wait to be read; called in the thread that reads them."""
+        """Drop commands that wait to be read; in any thread, also after `close`."""
         waiting = self._subscription.handle
-        with waiting:
+        with contextlib.suppress(InvalidHandle), waiting:
             while waiting.take_message(self._subscription.msg_type, True) is not None:
                 pass
 

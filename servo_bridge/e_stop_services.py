@@ -11,6 +11,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from servo_bridge.e_stop import EStop
+from servo_bridge.wording import sentence
 
 SPIN_PERIOD_S = 0.1
 
@@ -26,14 +27,21 @@ class EStopServices:
     Args:
         bridge: Gives the services their names, remapped as its own would be, and the log.
         e_stop: The latch.
+        forget: Called before it is cleared; drops commands that were sent earlier and wait still.
         changed: Called in that thread after it was set or cleared.
         told: What the board was told at a stop, for a sentence; gets whether whoever writes packets saw it.
     """
 
     def __init__(
-        self, bridge: Node, e_stop: EStop, changed: Callable[[], None], told: Callable[[bool], str]
+        self,
+        bridge: Node,
+        e_stop: EStop,
+        forget: Callable[[], None],
+        changed: Callable[[], None],
+        told: Callable[[bool], str],
     ) -> None:
-        self._e_stop, self._logger, self._changed, self._told = e_stop, bridge.get_logger(), changed, told
+        self._e_stop, self._logger, self._forget = e_stop, bridge.get_logger(), forget
+        self._changed, self._told = changed, told
         self._node = Node(
             f"{bridge.get_name()}_e_stop",
             context=bridge.context,
@@ -79,6 +87,13 @@ class EStopServices:
         return response
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._forget()
+        except Exception as error:
+            words = f"the e-stop stays latched: commands that wait cannot be dropped ({sentence(error)})"
+            response.success, response.message = False, words
+            self._logger.error(words)
+            return response
         self._e_stop.clear()
         self._tell()
         response.success, response.message = True, "e-stop cleared: the next command moves the servos"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from bridge_session import spinning
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
+from waiting import DEADLINE_S
 
 from servo_bridge.bridge_node import ServoBridge
 from servo_bridge.e_stop import EStop
@@ -78,7 +80,7 @@ def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
 
     bridge = Node("servo_bridge", context=client.context, namespace="tripod")
     e_stop = EStop()
-    services = EStopServices(bridge, e_stop, fail, str)
+    services = EStopServices(bridge, e_stop, lambda: None, fail, str)
     try:
         e_stop.heed()
         assert client.trigger("servo_bridge/e_stop").success
@@ -88,3 +90,58 @@ def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
     finally:
         services.close()
         bridge.destroy_node()
+
+
+def test_it_stays_latched_where_waiting_commands_cannot_be_dropped(client: Any) -> None:
+    def fail() -> None:
+        raise RuntimeError("no subscription")
+
+    bridge = Node("servo_bridge", context=client.context, namespace="tripod")
+    e_stop = EStop()
+    services = EStopServices(bridge, e_stop, fail, lambda: None, str)
+    try:
+        e_stop.latch()
+        answer = client.trigger("servo_bridge/clear_e_stop")
+        assert not answer.success
+        assert "stays latched: commands that wait cannot be dropped (no subscription" in answer.message
+        assert e_stop.latched
+    finally:
+        services.close()
+        bridge.destroy_node()
+
+
+def test_a_command_that_waited_through_a_stop_is_not_followed_after_it(
+    client: Any, board: Any, wait_until: Callable[..., bool]
+) -> None:
+    overrides = {"port": board.port, "open_wait_s": 0.0, "source": "commands", "robot": "tripod"}
+    bridge = ServoBridge(
+        context=client.context,
+        namespace="tripod",
+        parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
+    )
+    busy, gate = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        """Keep the bridge's executor from everything else until the gate opens."""
+        timer.cancel()
+        busy.set()
+        gate.wait(DEADLINE_S)
+
+    with spinning(bridge, client.context):
+        client.transition("configure")
+        client.transition("activate")
+        commands = client.publisher(Float64MultiArray, "position_controller/commands")
+        heard = client.collect(Float64MultiArray, "position_controller/commands")  # told after the bridge
+        timer = bridge.create_timer(0.0, hold)
+        assert wait_until(busy.is_set)
+        commands.publish(Float64MultiArray(data=[-2.0] * 3))
+        assert wait_until(lambda: heard)
+        assert client.trigger("servo_bridge/e_stop").success
+        assert client.trigger("servo_bridge/clear_e_stop").success
+        gate.set()
+        assert client.state() == "active"
+        board.clear()
+        assert board.wait_for(lambda b: len(b.packets) >= 20)
+        assert {packet.servo_bytes for packet in board.packets} == {(150, 150, 150)}
+        commands.publish(Float64MultiArray(data=[-1.0] * 3))
+        assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
