@@ -36,19 +36,19 @@ class Introductions:
         self._met: set[bytes] = set()
 
     def offered(self, node: str, namespace: str, *, services: bool = False) -> dict[str, list[str]]:
-        """Types of what a node publishes (or of its services) by name, as far as the graph knows."""
-        from rclpy.node import NodeNameNonExistentError
+        """Types of what a node publishes (or of its services) by name, as far as the graph knows.
 
-        graph = self._node
-        ask = (
-            graph.get_service_names_and_types_by_node
-            if services
-            else graph.get_publisher_names_and_types_by_node
-        )
-        try:
-            return dict(ask(node, namespace))
-        except NodeNameNonExistentError:  # not discovered yet
-            return {}
+        By who owns each endpoint. What the graph tells of a node by name is what it knows of the first of
+        that name; and one that ended while its last list of endpoints was read stays known, with none.
+        """
+        graph, wanted = self._node, (node, namespace)
+        names = graph.get_service_names_and_types() if services else graph.get_topic_names_and_types()
+        ends = self._answering if services else graph.get_publishers_info_by_topic
+        return {
+            name: types
+            for name, types in names
+            if any((end.node_name, end.node_namespace) == wanted for end in ends(name))
+        }
 
     def wait(self, service: str) -> None:
         """Wait until the process that offers a service (its full name) has found this one.
@@ -75,29 +75,28 @@ class Introductions:
             self._met |= strangers
         return bool(offering) and offering <= self._met
 
+    def _answering(self, service: str) -> Any:
+        """Endpoints that answer questions to a service."""
+        return self._node.get_publishers_info_by_topic(f"rr{service}Reply", no_mangle=True)
+
     def _offered_by(self, service: str) -> set[bytes]:
         """Participants that offer a service, as far as all that is needed to meet them is known."""
-        participants = self._participants()
-        offering = [participants.get(node, set()) for node in self._offering(service)]
-        return set().union(*offering) if offering and all(offering) else set()
+        offering = {participant(end) for end in self._answering(service)}
+        known = set().union(*self._participants().values())
+        return offering if offering <= known else set()
 
     def _questions(self, strangers: set[bytes]) -> list[str]:
         """Services that change nothing, of any node of these participants."""
         nodes = [node for node, found in self._participants().items() if found & strangers]
         questions = [f"{space.rstrip('/')}/{name}/get_parameters" for name, space in nodes]
-        return [each for each in questions if self._offering(each)]
-
-    def _offering(self, service: str) -> list[tuple[str, str]]:
-        """Names and namespaces of the nodes that offer a service."""
-        nodes = self._node.get_node_names_and_namespaces()
-        return [each for each in set(nodes) if service in self.offered(*each, services=True)]
+        return [each for each in questions if self._answering(each)]
 
     def _participants(self) -> dict[tuple[str, str], set[bytes]]:
         """Identifiers of the participants that run a node, by its name and namespace."""
         found: dict[tuple[str, str], set[bytes]] = {}
         for end in self._node.get_publishers_info_by_topic("/parameter_events"):  # every node has this one
             node = (end.node_name, end.node_namespace)
-            found.setdefault(node, set()).add(bytes(end.endpoint_gid[:GID_PREFIX]))
+            found.setdefault(node, set()).add(participant(end))
         return found
 
     def _ask(self, question: str) -> None:
@@ -111,3 +110,8 @@ class Introductions:
             client.call_async(GetParameters.Request()).add_done_callback(lambda _: answered.set())
             answered.wait(REPEATED_AFTER_S)
         self._node.destroy_client(client)
+
+
+def participant(end: Any) -> bytes:
+    """Identifier of the participant that an endpoint belongs to."""
+    return bytes(end.endpoint_gid[:GID_PREFIX])

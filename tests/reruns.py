@@ -34,8 +34,8 @@ RERUNS: Mapping[str, str] = {
 """Why a test may run once more, by its id without parameters."""
 
 NEWS_LOST = (
-    "the middleware told of a service and not of its node; seen once in a whole suite, and not in 640 starts"
-    " of such a node beside busy or killed processes"
+    "the middleware told of a service and not of its node; seen twice in whole suites, when nodes were looked"
+    " up by name, which finds the first of that name"
 )
 """Why a test that talks to processes may run once more where it fails with `introductions.NewsLostError`."""
 
