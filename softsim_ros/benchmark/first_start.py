@@ -9,18 +9,22 @@ import re
 import shutil
 import signal
 import socket
+import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 MOTION_WITHIN_S: Final = 45.0
 KERNELS_WITHIN_S: Final = 90.0
 """Targets on an idle machine with two cores, from the command to the first motion and to the kernels."""
+
+SLOWEST_FACTOR: Final = 0.9
+"""Target for the real-time factor from the first motion until compiled kernels run, in each second, [-]."""
 
 MOTION, KERNELS = "first motion is published", "compiled kernels run"
 
@@ -54,6 +58,8 @@ class FirstStart:
 
     Attributes:
         phases: When each ended, since the command was given, in [s].
+        factors: Real-time factor of each second from the first motion until compiled kernels ran, [-].
+        output: Lines that it wrote.
     """
 
     def __init__(self, checkout: Path, robot: str, say: Callable[[str], None]) -> None:
@@ -61,6 +67,7 @@ class FirstStart:
         self._began = 0.0
         self._news = threading.Condition()
         self.phases: dict[str, float] = {}
+        self.factors: list[float] = []
         self.output: list[str] = []
 
     def run(self, within_s: float) -> int | None:
@@ -112,8 +119,9 @@ class FirstStart:
 
     @contextlib.contextmanager
     def _watching(self, domain: int) -> Iterator[None]:
-        """Tell the joints to move as soon as they are heard, note when they do; nothing without ROS."""
+        """Tell the joints to move as soon as they are heard, note when and how fast; nothing without ROS."""
         try:
+            from diagnostic_msgs.msg import DiagnosticArray
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.node import Node
@@ -137,7 +145,13 @@ class FirstStart:
             if max((abs(a - b) for a, b in zip(now, first, strict=False)), default=0.0) > MOVED_RAD:
                 self._ended(MOTION)
 
+        def note(message: DiagnosticArray) -> None:
+            if MOTION in self.phases and KERNELS not in self.phases:
+                values = [entry for status in message.status for entry in status.values]
+                self.factors += [float(each.value) for each in values if each.key == "real_time_factor"]
+
         node.create_subscription(JointState, f"/{self._robot}/joint_states", look, 10)
+        node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         over = threading.Event()
@@ -158,16 +172,26 @@ class FirstStart:
             context.try_shutdown()
 
 
-def judged(phases: Mapping[str, float]) -> tuple[list[str], int]:
-    """A sentence on each target, and how many are missed."""
+def judged(phases: Mapping[str, float], factors: Sequence[float]) -> tuple[list[str], int]:
+    """A sentence on each target, and how many are missed; `factors` see FirstStart, none are not judged."""
     told, missed = [], 0
     for phase, target in ((MOTION, MOTION_WITHIN_S), (KERNELS, KERNELS_WITHIN_S)):
         seconds = phases.get(phase, math.inf)
         missed += seconds > target
-        verdict = "as wanted" if seconds <= target else "missed; it is meant for an idle machine"
         when = f"after {seconds:.1f} s" if seconds < math.inf else "not seen"
-        told.append(f"{phase}: {when}, target {target:g} s: {verdict}")
+        told.append(f"{phase}: {when}, target {target:g} s: {_verdict(seconds <= target)}")
+    if factors:
+        slowest, median = min(factors), statistics.median(factors)
+        missed += slowest < SLOWEST_FACTOR
+        told.append(
+            f"real-time factor until then: {slowest:.2f} in the slowest second, median {median:.2f},"
+            f" target {SLOWEST_FACTOR:g}: {_verdict(slowest >= SLOWEST_FACTOR)}"
+        )
     return told, missed
+
+
+def _verdict(met: bool) -> str:
+    return "as wanted" if met else "missed; it is meant for an idle machine"
 
 
 def _environment(folder: Path, domain: int) -> dict[str, str]:

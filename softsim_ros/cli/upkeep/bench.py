@@ -166,7 +166,7 @@ def _install(arguments: argparse.Namespace) -> int:
         print("\n".join(first.output[-15:]), file=sys.stderr)
         print(f"softsim bench: the first start failed (exit code {code})", file=sys.stderr)
         return 1
-    sentences, missed = judged(first.phases)
+    sentences, missed = judged(first.phases, first.factors)
     print("\n".join(sentences))
     return 1 if arguments.check and missed else 0
 
