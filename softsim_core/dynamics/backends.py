@@ -24,6 +24,7 @@ def make_stepper(
     backend: Backend,
     actuators: Actuators | None = None,
     solver: str = AUTO,
+    touching: bool = False,
     like: Stepper | None = None,
     threads: int | None = None,
 ) -> Stepper:
@@ -34,6 +35,7 @@ def make_stepper(
         actuators: What pulls and pushes at the command of joints; None: nothing.
         backend: The compiled step is one with its linear solver; any other solver runs with plain assembly.
         solver: Name of the linear solver, see linalg.solvers.
+        touching: Whether steps are taken with contacts, which take many solutions each.
         like: That of another copy of the scene, which is never in a step at the same time: the compiled step
             uses its plan and its room to work in again.
         threads: Of the compiled step of a large mesh; None: as many as the process may use.
@@ -53,7 +55,7 @@ def make_stepper(
 
             earlier = like if isinstance(like, NumbaStepper) else None
             iterative = None if solver == AUTO else solver == ITERATIVE
-            return NumbaStepper(model, actuators, iterative, earlier, threads)
+            return NumbaStepper(model, actuators, iterative, touching, earlier, threads)
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
                 raise

@@ -137,6 +137,7 @@ class SceneState:
             self._backend,
             self._actuators,
             self._linear_solver,
+            self._contacts is not None,
             earlier[0] if earlier else None,
             None if isinstance(settings.threads, str) else settings.threads,
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,9 @@ from softsim_core import (
     box_mesh,
     load_scene,
 )
+from softsim_core.mesh.shapes import Shape
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.values import Placement
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -74,8 +79,10 @@ def test_steps_are_those_of_a_factor(name: str) -> None:
     assert apart < 20.0 * TOLERANCE
 
 
-def hanging(solver: str, young_modulus: float = 30e3, mesh: TetMesh | None = None) -> Simulation:
-    """A bar held at one end, askew, that sags far."""
+def hanging(
+    solver: str, young_modulus: float = 30e3, mesh: TetMesh | None = None, **fields: Any
+) -> Simulation:
+    """A bar held at one end, askew, that sags far; `fields` are of its SceneDescription."""
     mesh = mesh or box_mesh((0.12, 0.02, 0.02), (18, 3, 3))
     body = BodyDescription(
         name="bar",
@@ -88,7 +95,12 @@ def hanging(solver: str, young_modulus: float = 30e3, mesh: TetMesh | None = Non
     settings = SolverSettings(linear_solver=solver, rayleigh_stiffness=0.01)
     return Simulation(
         SceneDescription(
-            name="hanging", gravity=(1.0, 4.0, -8.0), bodies=(body,), attachments=(hold,), solver=settings
+            name="hanging",
+            gravity=(1.0, 4.0, -8.0),
+            bodies=(body,),
+            attachments=(hold,),
+            solver=settings,
+            **fields,
         ),
         backend="numba",
     )
@@ -152,6 +164,14 @@ def test_auto_iterates_where_a_factor_has_too_much_to_do(monkeypatch: pytest.Mon
     large.step()
     large.step()
     assert large.report.linear_iterations > 0
+    floor = RigidBodyDescription(
+        name="floor", shape=Shape(box=(1.0, 1.0, 0.02)), pose=Placement(translation=(0.0, 0.0, -0.1))
+    )
+    both = tuple(CollisionDescription(name=name, body=name) for name in ("bar", "floor"))
+    touched = hanging("auto", rigid_bodies=(floor,), collisions=both)
+    touched.step()
+    touched.step()
+    assert touched.report.linear_iterations == 0  # contacts take many solutions of one matrix
 
 
 def test_statics_of_such_a_scene_are_solved() -> None:

@@ -26,10 +26,14 @@ Measured with some 25 Gflop/s, 10 GB/s and eight iterations per step.
 """
 
 
+TOUCHING = 30
+"""Solutions that a step takes besides where bodies touch: its contacts are found in ten rounds of three."""
+
+
 def planned_elimination(
-    model: Model, actuators: Actuators, iterative: bool | None, threads: int
+    model: Model, actuators: Actuators, iterative: bool | None, touching: bool, threads: int
 ) -> Elimination:
-    """A factor or iteration for a model; `iterative` None: what is faster."""
+    """A factor or iteration for a model; `iterative` None: what is faster, knowing whether bodies touch."""
     iterations: list[tuple[Plan, Plan]] = []
     divisions: list[Division] = []
 
@@ -43,7 +47,8 @@ def planned_elimination(
         chosen = iterative
         if chosen is None:
             flops, numbers = factor_cost(graph, order) if count > MANY else (0.0, 0.0)
-            chosen = flops > CROSSING * numbers * (reduced_size + 1)  # one solution for each of these
+            solutions = reduced_size + 1 + touching * TOUCHING
+            chosen = flops > CROSSING * numbers * solutions
         if not chosen:
             return shared(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
         preconditioner = shared(plan(count, edges, edges[:0], 0, LANES, ROWS, order))

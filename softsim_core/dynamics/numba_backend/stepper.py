@@ -42,6 +42,7 @@ class NumbaStepper:
     Args:
         model, actuators: What moves, and what moves it.
         iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
+        touching: Whether steps are taken with contacts, which take many solutions each.
             Steps that need a factor even so, and static tangents, take it from a second stepper, which is
             planned when it is first needed.
         like: Of another copy of the scene: what it has planned is used again, and its room to work in, so
@@ -58,6 +59,7 @@ class NumbaStepper:
         model: Model,
         actuators: Actuators,
         iterative: bool | None = None,
+        touching: bool = False,
         like: NumbaStepper | None = None,
         threads: int | None = None,
     ) -> None:
@@ -66,7 +68,7 @@ class NumbaStepper:
         earlier = None if like is None else like._elimination
         shared = earlier.of_another_copy(model, actuators) if isinstance(earlier, DirectElimination) else None
         self._elimination: Elimination = shared or planned_elimination(
-            model, actuators, iterative, self._threads
+            model, actuators, iterative, touching, self._threads
         )
         direct = isinstance(self._elimination, DirectElimination)
         self._factoring: NumbaStepper | None = self if direct else None
