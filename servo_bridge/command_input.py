@@ -40,22 +40,26 @@ class CommandInput:
 
     def __init__(self, node: Node, source: str, obeys: Callable[[], ServoDriver | None]) -> None:
         self._node, self._obeys = node, obeys
-        message_type, topic, callback, depth = {
+        message_type, topic, callback, self._depth = {
             "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
             "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
             "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
         }[source]
         self._subscription: Subscription = node.create_subscription(
-            message_type, topic, callback, QoSProfile(depth=depth), raw=True
+            message_type, topic, callback, QoSProfile(depth=self._depth), raw=True
         )
         self.topic = str(self._subscription.topic_name)
 
     def forget(self) -> None:
-        """Drop commands that wait to be read; in any thread, also after `close`."""
+        """Drop commands that wait to be read; in any thread, also after `close`.
+
+        As many as can wait: those that come meanwhile are newer, and may come without end.
+        """
         waiting = self._subscription.handle
         with contextlib.suppress(InvalidHandle), waiting:
-            while waiting.take_message(self._subscription.msg_type, True) is not None:
-                pass
+            for _ in range(self._depth):
+                if waiting.take_message(self._subscription.msg_type, True) is None:
+                    break
 
     def close(self) -> None:
         """Follow the topic no more."""
