@@ -248,7 +248,8 @@ def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
 
 @pytest.mark.slow
 def test_silence_holds_and_then_goes_to_rest(start_bridge: Starter, client: Any, board: VirtualBoard) -> None:
-    start_bridge(autostart="activate", hold_timeout=0.6, rest_timeout=0.9, rest_speed=1.0)
+    bridge = start_bridge(autostart="activate", hold_timeout=0.6, rest_timeout=0.9, rest_speed=1.0)
+    assert bridge.says("sending to")  # what was commanded before that is dropped
     client.publisher(Float64MultiArray, COMMANDS).publish(command(-1.0, -1.0, -1.0))
     assert board.wait_for(at(121, 121, 121))
     assert board.wait_for(at(*REST))

@@ -122,7 +122,8 @@ def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
 def test_its_clearing_moves_nothing_before_the_next_command(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:
-    start_bridge(autostart="activate", hold_timeout=0.1, rest_timeout=0.2, rest_speed=10.0)
+    bridge = start_bridge(autostart="activate", hold_timeout=0.1, rest_timeout=0.2, rest_speed=10.0)
+    assert bridge.says("sending to")  # what was commanded before that is dropped
     publisher = client.publisher(Float64MultiArray, COMMANDS)
     publisher.publish(Float64MultiArray(data=[-2.0] * 3))
     assert board.wait_for(lambda b: b.servo_bytes is not None and b.servo_bytes != REST)
