@@ -26,6 +26,9 @@ KERNELS_WITHIN_S: Final = 90.0
 SLOWEST_FACTOR: Final = 0.9
 """Target for the real-time factor from the first motion until compiled kernels run, in each second, [-]."""
 
+REPORTED_S: Final = 1.5
+"""A report of the simulator tells of no more than this, in [s]: earlier ones may begin before the motion."""
+
 MOTION, KERNELS = "first motion is published", "compiled kernels run"
 
 TOLD_RAD, MOVED_RAD = 0.3, 1e-3
@@ -146,7 +149,8 @@ class FirstStart:
                 self._ended(MOTION)
 
         def note(message: DiagnosticArray) -> None:
-            if MOTION in self.phases and KERNELS not in self.phases:
+            moved = self.phases.get(MOTION, math.inf)
+            if time.monotonic() - self._began > moved + REPORTED_S and KERNELS not in self.phases:
                 values = [entry for status in message.status for entry in status.values]
                 self.factors += [float(each.value) for each in values if each.key == "real_time_factor"]
 
