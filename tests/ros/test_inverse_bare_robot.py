@@ -67,6 +67,6 @@ def test_a_goal_moves_the_bytes_and_its_end_holds_them(
         assert controller.end() == 0
         told = [packet.servo_bytes for packet in board.packets]
         jumps = [abs(b - a) for one, other in pairwise(told) for a, b in zip(one, other, strict=True)]
-        assert max(jumps) <= 1  # it holds, and where the end takes longer, the bridge goes slowly to rest
+        assert max(jumps) <= 2  # it holds, and where the end takes longer, the bridge goes slowly to rest
         assert min(min(each) for each in told) >= 102
         assert bridge.end() == 0
