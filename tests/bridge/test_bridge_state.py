@@ -23,15 +23,20 @@ from softsim_ros.messages.state_topics import STATE_TOPICS
 from softsim_ros.state_listener import StateListener
 
 
-def test_the_bridge_tells_its_state(
-    client: Any, board: Any, stream: Callable[..., Any], wait_until: Callable[..., bool]
-) -> None:
+def bridge_of(client: Any, board: Any) -> ServoBridge:
+    """The Tripod's bridge on a board, in this process."""
     overrides = {"port": board.port, "open_wait_s": 0.0, "source": "commands", "robot": "tripod"}
-    bridge = ServoBridge(
+    return ServoBridge(
         context=client.context,
         namespace="tripod",
         parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
     )
+
+
+def test_the_bridge_tells_its_state(
+    client: Any, board: Any, stream: Callable[..., Any], wait_until: Callable[..., bool]
+) -> None:
+    bridge = bridge_of(client, board)
     labels: list[str] = []
 
     def see(state: Any) -> None:
@@ -113,12 +118,7 @@ def test_it_stays_latched_where_waiting_commands_cannot_be_dropped(client: Any) 
 def test_a_command_that_waited_through_a_stop_is_not_followed_after_it(
     client: Any, board: Any, wait_until: Callable[..., bool]
 ) -> None:
-    overrides = {"port": board.port, "open_wait_s": 0.0, "source": "commands", "robot": "tripod"}
-    bridge = ServoBridge(
-        context=client.context,
-        namespace="tripod",
-        parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
-    )
+    bridge = bridge_of(client, board)
     busy, gate = threading.Event(), threading.Event()
 
     def hold() -> None:

@@ -42,9 +42,9 @@ class NumbaStepper:
     Args:
         model, actuators: What moves, and what moves it.
         iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
-        touching: Whether steps are taken with contacts, which take many solutions each.
             Steps that need a factor even so, and static tangents, take it from a second stepper, which is
             planned when it is first needed.
+        touching: Whether steps are taken with contacts, which take many solutions each.
         like: Of another copy of the scene: what it has planned is used again, and its room to work in, so
             only one of the two may be in a step at a time. None, or one of another pattern: planned anew.
         threads: Of a step of a large mesh; None: see linalg.crew.usable_threads. They change nothing in what
