@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -28,12 +29,26 @@ class OneSignature:
         """Call it; the first call compiles it for these arguments, or takes that from the cache."""
         if self._code is None:
             self._code = self._function
-            if hasattr(self._function, "compile"):
+            if hasattr(self._function, "for_python"):
                 from numba import typeof
 
                 type_of: Callable[[Any], Any] = typeof
-                self._code = self._function.compile(tuple(type_of(each) for each in arguments))
+                self._code = self._function.for_python.compile(tuple(type_of(each) for each in arguments))
         return self._code(*arguments)
+
+
+class _Inside:
+    """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
+
+    with_wrapper: Callable[[], Any]
+
+    @cached_property
+    def for_python(self) -> Any:
+        """The one that Python calls."""
+        return self.with_wrapper()
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.for_python(*arguments)
 
 
 class Compiler:
@@ -62,6 +77,7 @@ class Compiler:
             self._numba: Any = None
             return
         self._numba = numba
+        self._inside = type("Inside", (_Inside, numba.core.registry.CPUDispatcher), {})
         if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
             base = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
         elif os.access(self._beside if self._beside.is_dir() else folder, os.W_OK):
@@ -82,19 +98,29 @@ class Compiler:
     def kernel(self, function: F) -> F:
         """Compile with cache, without the GIL; kernels live at module level, where the cache serves them.
 
-        No wrapper for callers in C is made, which nothing here is: that saves a tenth of the time.
+        Called by another kernel it has no wrapper for Python, and called by Python none of its own kernels
+        has one: with forty arrays in its arguments that wrapper takes as long to compile as the kernel. None
+        has one for callers in C.
         """
         if self._numba is None:
             return function
+        inside = self._compiled(function, Path(self._cache), no_cpython_wrapper=True)
+        inside.__class__ = self._inside
+        inside.with_wrapper = partial(self._compiled, function, Path(self._cache) / "for_python")
+        return cast(F, inside)
+
+    def _compiled(self, function: F, folder: Path, **options: bool) -> Any:
         config = self._numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, self._cache  # read when the function is decorated
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read when the function is decorated
         try:
-            return cast(
-                F,
-                self._numba.njit(
-                    cache=True, nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True
-                )(function),
-            )
+            return self._numba.njit(
+                cache=True,
+                nogil=True,
+                fastmath=_FLAGS,
+                error_model="numpy",
+                no_cfunc_wrapper=True,
+                **options,
+            )(function)
         finally:
             config.CACHE_DIR = before
 
