@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.fem.assembly import elastic_forces, matrix_of_blocks, stiffness_matrix
+from softsim_core.fem.assembly import BlockPattern, elastic_forces, stiffness_matrix
 from softsim_core.fem.materials.section import DAMPING
 from softsim_core.fem.prony import held_stiffness
 from softsim_core.fem.rods import RodGroup, rod_drag, rod_viscosity
@@ -88,17 +88,24 @@ def node_stiffness(
     distant: bool = False,
     moved: Array | None = None,
     mean_share: float = 1.0,
+    pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
     """Stiffness of cells and soft fixings in [N/m], shape (3 n, 3 n).
 
     The exact derivative -df/dx, or the `positive` semidefinite one that a time step solves with; see
     Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`
-    and `mean_share`: see fem.cells.cell_stiffness.
+    and `mean_share`: see fem.cells.cell_stiffness; `pattern`: see stiffness_matrix.
     """
     cells = stiffness_matrix(
-        model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share
+        model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share, pattern
     )
-    return cells + sp.diags(np.repeat(model.spring, 3))
+    return cells + on_diagonal(model.spring)
+
+
+def on_diagonal(of_nodes: Array) -> sp.csr_matrix:
+    """A value of each node (n,) for all three of its directions, shape (3 n, 3 n)."""
+    size = 3 * len(of_nodes)
+    return sp.csr_matrix((np.repeat(of_nodes, 3), np.arange(size), np.arange(size + 1)), shape=(size, size))
 
 
 def viscosity_matrix(model: Model, state: State, parameters: Parameters) -> sp.csr_matrix | None:
@@ -107,7 +114,7 @@ def viscosity_matrix(model: Model, state: State, parameters: Parameters) -> sp.c
     if not damped:
         return None
     blocks = [rod_viscosity(group, state.positions, p) for group, p in damped]
-    return matrix_of_blocks(len(model.rest), [group.cells for group, _ in damped], blocks)
+    return BlockPattern(len(model.rest), [group.cells for group, _ in damped]).matrix(blocks)
 
 
 def viscous_forces(

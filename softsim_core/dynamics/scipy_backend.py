@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -18,6 +19,7 @@ from softsim_core.dynamics.assembly import (
     held_matrix,
     jacobian,
     node_stiffness,
+    on_diagonal,
     static_forces,
     static_tangent,
     top_speed,
@@ -26,7 +28,7 @@ from softsim_core.dynamics.assembly import (
 from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.dynamics.report import StepReport
 from softsim_core.dynamics.stepper import Condensed
-from softsim_core.fem.assembly import matrix_of_blocks, von_mises_stress
+from softsim_core.fem.assembly import BlockPattern, von_mises_stress
 from softsim_core.fem.cells import inverted_cells
 from softsim_core.linalg.bounded import solve_bounded
 from softsim_core.linalg.linear_solver import Factoriser, Factors, LinearSolver
@@ -56,6 +58,10 @@ class ScipyStepper:
         self._matrices = Factoriser(solver, int((at.solved >= at.first_reduced).sum()))
         self._tangents = Factoriser(solver)
 
+    @cached_property
+    def _pattern(self) -> BlockPattern:
+        return BlockPattern(len(self.model.rest), [group.cells for group in self.model.groups])
+
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """See Stepper."""
         return self._advance(state, control, parameters).report
@@ -82,13 +88,15 @@ class ScipyStepper:
         change[at.joints[self.actuators.joint]] = 0.0  # moves no frame
         factors, fallback = None, 0
         if len(at.solved):
-            factors = self._matrices.factor(matrix[at.solved][:, at.solved])
+            solved_rows = matrix[at.solved]
+            factors = self._matrices.factor(solved_rows[:, at.solved])
             for stressed in (moved, None) if pressed else (None,):  # with less, until the matrix is positive
                 if moved is not None and not factors.positive:
                     fallback = 2 if stressed is None else 1
                     matrix, rhs, mapping = self.system(state, control, parameters, stressed)
-                    factors = self._matrices.factor(matrix[at.solved][:, at.solved])
-            known_part = matrix[at.solved][:, at.fixed] @ change[at.fixed]
+                    solved_rows = matrix[at.solved]
+                    factors = self._matrices.factor(solved_rows[:, at.solved])
+            known_part = solved_rows[:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
         solved = _Solved(state, matrix, factors, mapping, self.actuators)
         pulled = self._hold_actuators(solved, change, control)
@@ -155,7 +163,9 @@ class ScipyStepper:
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> ScipyStaticTangent:
         """See Stepper."""
-        stiffness = node_stiffness(self.model, state, parameters, moved=state.extra.get(MOVED))
+        stiffness = node_stiffness(
+            self.model, state, parameters, moved=state.extra.get(MOVED), pattern=self._pattern
+        )
         if pressed:
             stiffness = stiffness + self._of_surfaces(pressed)
         loads = static_forces(self.model, state, parameters, forces)
@@ -164,7 +174,7 @@ class ScipyStepper:
     def _of_surfaces(self, pressed: Sequence[Array]) -> sp.csr_matrix:
         """What actuators add on surfaces, see ActuatorGroup.surface_stiffness, shape (3 n, 3 n)."""
         blocks = [pressed_blocks(each) for each in pressed]
-        return matrix_of_blocks(len(self.model.rest), self.actuators.surfaces(), blocks)
+        return BlockPattern(len(self.model.rest), self.actuators.surfaces()).matrix(blocks)
 
     def system(
         self,
@@ -189,7 +199,9 @@ class ScipyStepper:
         """
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
-        stiffness = node_stiffness(model, state, parameters, positive=True, moved=moved, mean_share=h / lag)
+        stiffness = node_stiffness(
+            model, state, parameters, True, moved=moved, mean_share=h / lag, pattern=self._pattern
+        )
         if pressed:
             stiffness = stiffness + self._of_surfaces(pressed)
         force = static_forces(model, state, parameters, control.forces)
@@ -206,7 +218,7 @@ class ScipyStepper:
             force -= (viscous @ straining.ravel()).reshape(-1, 3)
             lagging = lagging + viscous
         damped = 1.0 + h * parameters.rayleigh_mass
-        full = h * lagging + sp.diags(np.repeat(damped * model.mass, 3))
+        full = h * lagging + on_diagonal(damped * model.mass)
         if model.coupling is not None:
             force -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             full = full + sp.kron(damped * model.coupling.matrix, sp.eye(3), format="csr")

@@ -28,6 +28,34 @@ def elastic_forces(
     return forces
 
 
+class BlockPattern:
+    """Where the blocks of all pairs of nodes of cells stand in a sparse matrix; whoever keeps it sums faster.
+
+    Args:
+        count: Number of nodes n.
+        cells: Nodes of the cells of several kinds, shapes (m, a).
+    """
+
+    def __init__(self, count: int, cells: Sequence[IndexArray]) -> None:
+        pairs = [(count * nodes[:, :, None] + nodes[:, None, :]).ravel() for nodes in cells]
+        blocks = np.concatenate([np.zeros(0, dtype=np.int64), *pairs])
+        places, place = np.unique(blocks, return_inverse=True)
+        put = (np.ones(len(blocks)), (place.ravel(), np.arange(len(blocks))))
+        self._sum = sp.csr_matrix(put, shape=(len(places), len(blocks)))
+        rows, columns = np.divmod(places, count)
+        ends = np.searchsorted(rows, np.arange(count + 1))
+        numbers = np.arange(9 * len(places)).reshape(-1, 3, 3)
+        entries = sp.bsr_matrix((numbers, columns, ends), shape=(3 * count, 3 * count)).tocsr()
+        self._entry, self._columns, self._starts = entries.data, entries.indices, entries.indptr
+
+    def matrix(self, blocks: Sequence[Array]) -> sp.csr_matrix:
+        """Blocks of these cells (m, a, a, 3, 3), added up, sparse, shape (3 n, 3 n)."""
+        values = np.concatenate([np.zeros((0, 9)), *(each.reshape(-1, 9) for each in blocks)])
+        size = len(self._starts) - 1
+        sums = (self._sum @ values).ravel()[self._entry]
+        return sp.csr_matrix((sums, self._columns, self._starts), shape=(size, size))
+
+
 def stiffness_matrix(
     groups: Sequence[ElementGroup],
     positions: Array,
@@ -36,34 +64,20 @@ def stiffness_matrix(
     distant: bool = False,
     moved: Array | None = None,
     mean_share: float = 1.0,
+    pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
-    """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n); arguments as above."""
-    cells = [group.cells for group in groups]
-    blocks = [
-        cell_stiffness(group, positions, group.values(materials), positive, distant, moved, mean_share)
-        for group in groups
-    ]
-    return matrix_of_blocks(len(positions), cells, blocks)
+    """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n).
 
-
-def matrix_of_blocks(count: int, cells: Sequence[IndexArray], blocks: Sequence[Array]) -> sp.csr_matrix:
-    """Blocks of all pairs of nodes of cells, added up, sparse, shape (3 n, 3 n).
-
-    Args:
-        count: Number of nodes n.
-        cells: Nodes of the cells of several kinds, shapes (m, a).
-        blocks: Of these cells, shapes (m, a, a, 3, 3).
+    Arguments as above, and as for `cell_stiffness`; `pattern`, where it is kept, is that of the groups.
     """
-    pairs = [(count * nodes[:, :, None] + nodes[:, None, :]).ravel() for nodes in cells]
-    if not pairs:
-        return sp.csr_matrix((3 * count, 3 * count))
-    places, values = np.concatenate(pairs), np.concatenate([each.reshape(-1, 3, 3) for each in blocks])
-    order = np.argsort(places, kind="stable")
-    places = places[order]
-    first = np.flatnonzero(np.diff(places, prepend=-1))
-    sums, (rows, columns) = np.add.reduceat(values[order], first), np.divmod(places[first], count)
-    ends = np.searchsorted(rows, np.arange(count + 1))
-    return sp.bsr_matrix((sums, columns, ends), shape=(3 * count, 3 * count)).tocsr()
+    if pattern is None:
+        pattern = BlockPattern(len(positions), [group.cells for group in groups])
+    return pattern.matrix(
+        [
+            cell_stiffness(group, positions, group.values(materials), positive, distant, moved, mean_share)
+            for group in groups
+        ]
+    )
 
 
 def von_mises_stress(

@@ -16,7 +16,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.fem.group import ElementGroup
-from softsim_core.fem.materials.material import VolumetricMaterial, von_mises
+from softsim_core.fem.materials.material import TangentModes, VolumetricMaterial, von_mises
 from softsim_core.fem.materials.strain import StrainMaterial, without_pressing
 
 
@@ -110,6 +110,8 @@ def cell_stiffness(
             return _blocks(
                 group, plain.tangent_at(gradients, p, without_pressing(found) if positive else found)
             )
+        if positive and not distant and (modes := plain.positive_modes(gradients, p)) is not None:
+            return _blocks_of_modes(group, modes)
         of = plain.distant_tangent if distant else plain.positive_tangent if positive else plain.tangent
         return _blocks(group, of(gradients, p))
     at_points, on_mean = split_bulk(law, p)
@@ -179,6 +181,21 @@ def _blocks(group: ElementGroup, tangent: Array) -> Array:
     right = right.reshape(m, q, 3, 3, 3 * a).swapaxes(2, 3).reshape(m, q, 3, 9 * a)  # J, (i k b)
     blocks = (group.gradients @ right).sum(axis=1).reshape(m, a, 3, 3, a)
     return np.ascontiguousarray(blocks.transpose(0, 1, 4, 2, 3))
+
+
+def _blocks_of_modes(group: ElementGroup, tangent: TangentModes) -> Array:
+    """As `_blocks`, of tangents at the points (m, q): some fifty products per pair of nodes less."""
+    m, q, a = group.gradients.shape[:3]
+    modes = tangent.modes.shape[-3]
+    moved = tangent.modes.reshape(m, q, 3 * modes, 3) @ np.swapaxes(group.gradients, -1, -2)  # (k i), a
+    moved = moved.reshape(m, q * modes, 3 * a)
+    weighted = (group.weights[..., None] * tangent.weights).reshape(m, q * modes, 1) * moved
+    blocks = (np.swapaxes(weighted, 1, 2) @ moved).reshape(m, 3, a, 3, a)
+    result = np.ascontiguousarray(blocks.transpose(0, 2, 4, 1, 3))
+    scaled = (group.weights * tangent.isotropic)[..., None, None] * group.gradients
+    alike = (scaled @ np.swapaxes(group.gradients, -1, -2)).sum(axis=1)
+    result[..., range(3), range(3)] += alike[..., None]
+    return result
 
 
 @singledispatch

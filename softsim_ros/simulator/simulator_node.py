@@ -24,6 +24,7 @@ from softsim_core.scene import SceneCatalog
 from softsim_core.scene.body import Body
 from softsim_core.scene.catalog import folders_of
 from softsim_core.scene.description import BodyDescription
+from softsim_node.freed_memory import keep_freed_memory
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters, ParameterError, declare
 from softsim_node.process import run_node
@@ -353,6 +354,7 @@ PROGRAM = Program(
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the simulator as a process; returns the exit code."""
+    keep_freed_memory()
     return run_node(PROGRAM, lambda _: Simulator(), args)
 
 

@@ -16,7 +16,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import FactorisationError
 from softsim_core.fem.materials.cofactors import cofactor_first
 from softsim_core.fem.materials.isotropic import HOOKE, lame
-from softsim_core.fem.materials.material import Material, VolumetricMaterial
+from softsim_core.fem.materials.material import Material, TangentModes, VolumetricMaterial
 
 SMALLEST_VOLUME = 1e-6
 """det(tr(S) I - S), 8 at rest, is taken no smaller than this: a crumpled element that is blown up has no
@@ -107,7 +107,7 @@ class Corotational(RotatedHooke, VolumetricMaterial):
 
     def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
         """See VolumetricMaterial; singular where two principal stretches cancel."""
-        return self._tangent(deformation, p, bulk, pressure, clamped=False)
+        return self._modes(deformation, self.rotations(deformation), p, bulk, pressure, clamped=False).dense()
 
     def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
         """See VolumetricMaterial.
@@ -115,33 +115,38 @@ class Corotational(RotatedHooke, VolumetricMaterial):
         Only the modes dF = [w]x R that turn an element can have a negative eigenvalue, 2 mu - 2 g with g
         those of gamma (tr(S) I - S)^-1 and gamma = 2 mu - p: no g is taken larger than mu.
         """
-        return self._tangent(deformation, p, bulk, pressure, clamped=True)
+        return self._modes(deformation, self.rotations(deformation), p, bulk, pressure, clamped=True).dense()
 
-    def _tangent(self, deformation: Array, p: Array, bulk: Array, pressure: Array, clamped: bool) -> Array:
+    def positive_modes(self, deformation: Array, p: Array) -> TangentModes:
+        """See Material: a change of volume and three that turn."""
+        rotation, bulk = self.rotations(deformation), self.bulk(p)
+        pressure = bulk * ((deformation * rotation).sum(axis=(-2, -1)) - 3.0)
+        return self._modes(deformation, rotation, p, bulk, pressure, clamped=True)
+
+    def _modes(
+        self, deformation: Array, rotation: Array, p: Array, bulk: Array, pressure: Array, clamped: bool
+    ) -> TangentModes:
         """2 mu I + bulk R R^T - E^T G E, E the axial vector of dF R^T, G = gamma (tr(S) I - S)^-1."""
-        rotation = self.rotations(deformation)
         principal, axes = np.linalg.eigh(_stretch(deformation, rotation))
-        mu, bulk = lame(p)[1][..., None], bulk[..., None]
-        trace = principal.sum(axis=-1, keepdims=True)
-        sums, gamma = trace - principal, 2.0 * mu - pressure[..., None]
+        mu = lame(p)[1]
+        sums = principal.sum(axis=-1, keepdims=True) - principal
+        gamma = (2.0 * mu - pressure)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
             if clamped:
-                within = mu * sums > gamma
+                within = mu[..., None] * sums > gamma
                 floor = np.where(within.all(axis=-1, keepdims=True), SMALLEST_VOLUME, 0.0)
                 others = np.roll(sums, 1, axis=-1) * np.roll(sums, 2, axis=-1)
                 volume = np.maximum(np.prod(sums, axis=-1, keepdims=True), floor)
-                turning = np.where(within, gamma * others / volume, mu)
+                turning = np.where(within, gamma * others / volume, mu[..., None])
             else:
                 turning = gamma / sums
         shape = rotation.shape[:-2]
-        turnings = (_AXIAL @ rotation).reshape(*shape, 3, 9)
-        modes = np.concatenate(
-            [rotation.reshape(*shape, 1, 9), np.swapaxes(axes, -1, -2) @ turnings], axis=-2
+        turnings = np.swapaxes(axes, -1, -2) @ (_AXIAL @ rotation).reshape(*shape, 3, 9)
+        modes = np.concatenate([rotation.reshape(*shape, 1, 9), turnings], axis=-2)
+        weights = np.concatenate(
+            [np.broadcast_to(bulk[..., None], (*turning.shape[:-1], 1)), -turning], axis=-1
         )
-        weights = np.concatenate([np.broadcast_to(bulk, (*turning.shape[:-1], 1)), -turning], axis=-1)
-        weighted = weights[..., None] * modes
-        result = np.swapaxes(weighted, -1, -2) @ modes + 2.0 * mu[..., None] * np.eye(9)
-        return np.asarray(result.reshape(*result.shape[:-2], 3, 3, 3, 3))
+        return TangentModes(2.0 * mu, weights, modes.reshape(*shape, 4, 3, 3))
 
 
 def hooke_stress(strain: Array, p: Array) -> Array:

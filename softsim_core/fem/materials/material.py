@@ -65,6 +65,27 @@ class Refusal(NamedTuple):
     allowed: str
 
 
+class TangentModes(NamedTuple):
+    """A symmetric tangent as a multiple of the identity and few modes, C = c I + sum_k w_k M_k M_k^T.
+
+    Attributes:
+        isotropic: c in [Pa], shape (...).
+        weights: w in [Pa], shape (..., k).
+        modes: M, each a dF, shape (..., k, 3, 3).
+    """
+
+    isotropic: Array
+    weights: Array
+    modes: Array
+
+    def dense(self) -> Array:
+        """C, shape (..., 3, 3, 3, 3)."""
+        modes = self.modes.reshape(*self.modes.shape[:-2], 9)
+        weighted = self.weights[..., None] * modes
+        tangent = np.swapaxes(weighted, -1, -2) @ modes + self.isotropic[..., None, None] * np.eye(9)
+        return np.asarray(tangent.reshape(*tangent.shape[:-2], 3, 3, 3, 3))
+
+
 class Material(ABC):
     """A material law; a new one implements `stress` and `tangent`, and `energy` where it has a potential.
 
@@ -103,6 +124,10 @@ class Material(ABC):
             FactorisationError: a deformation is not finite.
         """
         return clamped(self.tangent(deformation, p))
+
+    def positive_modes(self, deformation: Array, p: Array) -> TangentModes | None:
+        """The same as modes, which are quicker to put on nodes; None: the law does not know them."""
+        return None
 
     def distant_tangent(self, deformation: Array, p: Array) -> Array:
         """A positive tangent for statics far from an equilibrium, such as a crumpled start; as `tangent`."""
