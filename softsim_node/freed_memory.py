@@ -19,7 +19,7 @@ def keep_freed_memory() -> bool:
 
     A step in NumPy frees and asks for the same arrays, a few hundred kilobytes each. Given back, each comes
     in pages that the system fills with zeros: a fifth of the step's time. It holds for the whole process, so
-    programs call it, not the library.
+    the simulator asks for it, not the library.
     """
     try:
         set_option = ctypes.CDLL(None).mallopt

@@ -72,6 +72,7 @@ class Simulator(RobotNode):
     _closed = False
 
     def _begin(self, robot: RobotDescription) -> None:
+        keep_freed_memory()
         self._aside = Aside("another scene is being loaded")
         self._tried: Tried | None = None
         first = declare(self, SceneSettings(robot=self.robot_parameter))
@@ -354,7 +355,6 @@ PROGRAM = Program(
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the simulator as a process; returns the exit code."""
-    keep_freed_memory()
     return run_node(PROGRAM, lambda _: Simulator(), args)
 
 
