@@ -16,10 +16,10 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics.actuator_statics import rows_on_unknowns
 from softsim_core.dynamics.assembly import (
     Unknowns,
+    diagonal_matrix,
     held_matrix,
     jacobian,
     node_stiffness,
-    on_diagonal,
     static_forces,
     static_tangent,
     top_speed,
@@ -218,7 +218,7 @@ class ScipyStepper:
             force -= (viscous @ straining.ravel()).reshape(-1, 3)
             lagging = lagging + viscous
         damped = 1.0 + h * parameters.rayleigh_mass
-        full = h * lagging + on_diagonal(damped * model.mass)
+        full = h * lagging + diagonal_matrix(np.repeat(damped * model.mass, 3))
         if model.coupling is not None:
             force -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             full = full + sp.kron(damped * model.coupling.matrix, sp.eye(3), format="csr")
@@ -229,7 +229,7 @@ class ScipyStepper:
         rhs[at.joints] += h * at.drive * (control.targets - state.joint_positions - lag * velocity)
         diagonal = np.zeros(at.size)
         diagonal[at.joints] = [joint.inertia for joint in model.joints] + h * lag * at.drive
-        matrix = mapping.T @ full @ mapping + sp.diags(diagonal)
+        matrix = mapping.T @ full @ mapping + diagonal_matrix(diagonal)
         if moved is not None and len(self.actuators):
             geometric = self.actuators.geometric_stiffness(
                 model, state, state.joint_efforts[self.actuators.joint], without_surfaces=True
@@ -238,7 +238,7 @@ class ScipyStepper:
             weight = h * lag * np.maximum(geometric.weight, 0.0)
             rates = rows.on_nodes @ straining.ravel() + rows.on_reduced @ state.reduced_velocities
             rhs -= rows.on_unknowns.T @ (weight * rates)
-            matrix = matrix + rows.on_unknowns.T @ sp.diags(weight) @ rows.on_unknowns
+            matrix = matrix + rows.on_unknowns.T @ diagonal_matrix(weight) @ rows.on_unknowns
         return matrix.tocsc(), rhs, mapping
 
 

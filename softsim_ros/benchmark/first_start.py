@@ -147,6 +147,7 @@ class FirstStart:
                 commands.publish(Float64MultiArray(data=[each - TOLD_RAD for each in first]))
             if max((abs(a - b) for a, b in zip(now, first, strict=False)), default=0.0) > MOVED_RAD:
                 self._ended(MOTION)
+                seen.set()
 
         def note(message: DiagnosticArray) -> None:
             moved = self.phases.get(MOTION, math.inf)
@@ -154,15 +155,18 @@ class FirstStart:
                 values = [entry for status in message.status for entry in status.values]
                 self.factors += [float(each.value) for each in values if each.key == "real_time_factor"]
 
-        node.create_subscription(JointState, f"/{self._robot}/joint_states", look, 10)
+        joints = node.create_subscription(JointState, f"/{self._robot}/joint_states", look, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        over = threading.Event()
+        over, seen = threading.Event(), threading.Event()
 
         def spin() -> None:
             while not over.is_set():
-                executor.spin_once(timeout_sec=0.02)
+                executor.spin_once(timeout_sec=0.1)
+                if seen.is_set():  # hearing them on takes a tenth of a core from what is measured
+                    seen.clear()
+                    node.destroy_subscription(joints)
 
         thread = threading.Thread(target=spin, daemon=True)
         thread.start()
