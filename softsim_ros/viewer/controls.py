@@ -25,6 +25,15 @@ from softsim_ros.viewer.view_tab import ViewTab
 
 BRIDGE_LAMPS: Final = {"init": AMBER, "no-comm": AMBER, "comm": GREEN, "changing": AMBER}
 
+NARROW: Final = """<style>
+@media (max-width: 36em) {
+  [style*="width: 20em"] { width: 100% !important; }
+  .mantine-Tabs-list { flex-wrap: nowrap; }
+  .mantine-Tabs-tab { flex: 1 1 auto; padding: 0.75em 0.15em !important; font-size: 0.85em; }
+}
+</style>"""
+"""In a window as narrow as a phone's, viser's panel gets all of its width, and the tabs one row."""
+
 
 class Controls:
     """Every control of the panel; made anew for another scene.
@@ -38,6 +47,7 @@ class Controls:
 
     def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
         self._parts, self._namespace = parts, namespace
+        gui.add_html(NARROW)
         self._status = Shown(gui.add_html(""))
         self._lamps = Shown(gui.add_html(""))
         self._message = Shown(gui.add_html(""))

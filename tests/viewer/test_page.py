@@ -55,6 +55,24 @@ def test_the_body_on_the_screen_moves_when_a_command_arrives(driven: Driven) -> 
     assert driven.until(moved)
 
 
+def test_a_phone_has_the_panel_over_its_whole_width_and_the_tabs_in_one_row(
+    driven: Driven, browser: Any, station: tuple[Any, str]
+) -> None:
+    page = BrowserPage(browser, station[1], width=360, height=740)
+    try:
+        page.wait_for_node(BODY)
+        tabs = page.page.get_by_role("tab")
+        tabs.last.wait_for(state="visible")
+        boxes = [each.bounding_box() for each in tabs.all()]
+        assert len(boxes) == 8
+        assert len({box["y"] for box in boxes}) == 1
+        assert boxes[0]["x"] < 10.0
+        assert 350.0 < boxes[-1]["x"] + boxes[-1]["width"] <= 360.0
+        assert page.page.get_by_role("button", name="E-STOP").bounding_box()["width"] > 300.0
+    finally:
+        page.close()
+
+
 def test_the_picture_shows_the_robot_and_follows_it(
     driven: Driven, browser: Any, station: tuple[Any, str]
 ) -> None:
