@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.actuation.compiled.kinds import CompiledKinds
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.dynamics.numba_backend.actuator_rows import (
     add_rows,
@@ -27,8 +26,7 @@ from softsim_core.dynamics.numba_backend.kinematics import (
     slides,
 )
 from softsim_core.dynamics.numba_backend.layout import (
-    ActuatorRows,
-    ActuatorStiffness,
+    Acting,
     Cells,
     Kinematics,
     Motion,
@@ -44,8 +42,7 @@ from softsim_core.linalg.simd import steady_seconds
 @kernel
 def assemble(
     motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
-    kinematics: Kinematics, cells: Cells, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds,
-    stiffness: ActuatorStiffness, tree: Tree, work: Work,
+    kinematics: Kinematics, cells: Cells, nodes: Nodes, acting: Acting | None, tree: Tree, work: Work,
 ) -> None:  # fmt: skip
     """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
     x, v = motion.positions, motion.velocities
@@ -57,14 +54,15 @@ def assemble(
             work.ahead[n, i] = x[n, i] + lag * straining[n, i]
     assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
     assemble_nodes(v, h, rayleigh_mass, nodes, work)
-    add_rows(h, motion, rows, kinds, nodes, tree, work)
-    add_stiffness(stiffness, straining, motion.reduced_velocities, nodes, tree, work)
+    if acting is not None:
+        add_rows(h, motion, acting.rows, acting.kinds, nodes, tree, work)
+        add_stiffness(acting.stiffness, straining, motion.reduced_velocities, nodes, tree, work)
 
 
 @kernel
 def finish(
     motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
-    kinematics: Kinematics, tree: Tree, nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, work: Work,
+    kinematics: Kinematics, tree: Tree, nodes: Nodes, acting: Acting | None, work: Work,
 ) -> float:  # fmt: skip
     """Solve reduced and interior, advance, report joint efforts; returns the largest speed, or NaN."""
     joints, velocities = len(motion.joint_positions), motion.reduced_velocities
@@ -80,10 +78,12 @@ def finish(
         if stiffness == 0.0:
             known[b] = True
             change[b] = gap / h - velocities[b]
-    for c in range(len(rows.joint)):
-        change[first + rows.joint[c]] = 0.0  # moves no frame
+    if acting is not None:
+        for c in range(len(acting.rows.joint)):
+            change[first + acting.rows.joint[c]] = 0.0  # moves no frame
     eliminate_reduced(work.factor.schur, known, change, work.scratch)
-    hold_rows(h, targets, lower, upper, change, size, rows, work.scratch)
+    if acting is not None:
+        hold_rows(h, targets, lower, upper, change, size, acting.rows, work.scratch)
     solve_reduced(known, change, work.scratch)
     solve_backward(tree, work.factor)
     speed, finite = 0.0, True
@@ -114,7 +114,8 @@ def finish(
         else:
             motion.joint_efforts[j] = kinematics.stiffness[j] * (targets[j] - motion.joint_positions[j])
     place_regions(motion, kinematics, nodes, work)
-    report_rows(h, motion, rows, kinds, work)
+    if acting is not None:
+        report_rows(h, motion, acting.rows, acting.kinds, work)
     return speed if finite else np.nan
 
 
@@ -122,8 +123,7 @@ def finish(
 def advance(
     motion: Motion, straining: Array, external: Array, targets: Array, base_shift: float, lower: Array,
     upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
-    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, stiffness: ActuatorStiffness, tree: Tree,
-    work: Work, corners: IndexArray,
+    nodes: Nodes, acting: Acting | None, tree: Tree, work: Work, corners: IndexArray,
 ) -> tuple[float, int, float, float, float]:  # fmt: skip
     """One whole step.
 
@@ -132,15 +132,10 @@ def advance(
         assembly, factorisation and the rest.
     """
     started = steady_seconds()
-    assemble(
-        motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, rows, kinds, stiffness,
-        tree, work,
-    )  # fmt: skip
+    assemble(motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, acting, tree, work)
     assembled = steady_seconds()
     factor(tree, work.factor)
     factored = steady_seconds()
-    speed = finish(
-        motion, targets, base_shift, lower, upper, h, lag, kinematics, tree, nodes, rows, kinds, work
-    )
+    speed = finish(motion, targets, base_shift, lower, upper, h, lag, kinematics, tree, nodes, acting, work)
     inverted = count_inverted(motion.positions, corners)
     return speed, inverted, assembled - started, factored - assembled, steady_seconds() - factored

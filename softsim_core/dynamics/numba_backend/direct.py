@@ -11,7 +11,7 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.dynamics.numba_backend.advance import advance, assemble, finish
-from softsim_core.dynamics.numba_backend.elimination import assembling, finishing
+from softsim_core.dynamics.numba_backend.elimination import assembling, finishing, without_actuators
 from softsim_core.dynamics.numba_backend.inversion import count_inverted
 from softsim_core.dynamics.numba_backend.prepare import Prepared, of_another_copy, shares_plan
 from softsim_core.dynamics.numba_backend.responses import Responses
@@ -53,6 +53,8 @@ class DirectElimination:
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
         """See Elimination."""
+        if not len(self._actuators):
+            arguments = without_actuators(arguments)
         result: tuple[float, int, float, float, float] = self._advance(*arguments)
         return result
 

@@ -46,10 +46,15 @@ class Elimination(Protocol):
 def assembling(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """Of the arguments of `advance.advance` those of `advance.assemble`."""
     motion, straining, external, *_ = arguments
-    return motion, straining, external, *arguments[7:18]
+    return motion, straining, external, *arguments[7:16]
 
 
 def finishing(arguments: tuple[Any, ...], tree: Tree, work: Work) -> tuple[Any, ...]:
     """Of the arguments of `advance.advance` those of `advance.finish`, with that tree and room."""
-    motion, kinematics, nodes, rows, kinds = (arguments[i] for i in (0, 10, 12, 13, 14))
-    return motion, *arguments[3:9], kinematics, tree, nodes, rows, kinds, work
+    motion, kinematics, nodes, acting = (arguments[i] for i in (0, 10, 12, 13))
+    return motion, *arguments[3:9], kinematics, tree, nodes, acting, work
+
+
+def without_actuators(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The arguments of `advance.advance` for a step that has none."""
+    return *arguments[:13], None, *arguments[14:]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from softsim_core.actuation.compiled.kinds import CompiledKinds
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.linalg.layout import Factor
 
@@ -179,6 +180,19 @@ class ActuatorStiffness(NamedTuple):
     place: IndexArray
     coefficient: Array
     weight: Array
+
+
+class Acting(NamedTuple):
+    """What actuators do in a step; None stands for it in a step without any, which is compiled without them.
+
+    Attributes:
+        rows, stiffness: See there.
+        kinds: Actuators that have compiled kernels.
+    """
+
+    rows: ActuatorRows
+    kinds: CompiledKinds
+    stiffness: ActuatorStiffness
 
 
 class Motion(NamedTuple):

@@ -12,7 +12,14 @@ from softsim_core.actuation.compiled.kinds import CompiledKinds, compiled_kinds
 from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array, IndexArray, unique_pairs
 from softsim_core.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
-from softsim_core.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Nodes, Work
+from softsim_core.dynamics.numba_backend.layout import (
+    Acting,
+    ActuatorRows,
+    ActuatorStiffness,
+    Kinematics,
+    Nodes,
+    Work,
+)
 from softsim_core.fem.group import ElementGroup
 from softsim_core.linalg.layout import Tree, empty_factor, tree_of
 from softsim_core.linalg.simd import LANES
@@ -37,6 +44,10 @@ class Prepared(NamedTuple):
     kinds: CompiledKinds
     tree: Tree
     work: Work
+
+    def acting(self, stiffness: ActuatorStiffness) -> Acting:
+        """What actuators do in a step in which they add this stiffness."""
+        return Acting(self.rows, self.kinds, stiffness)
 
 
 LayOut: TypeAlias = Callable[[int, IndexArray, IndexArray, int], Plan]

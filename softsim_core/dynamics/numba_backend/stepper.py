@@ -140,7 +140,7 @@ class NumbaStepper:
             speed, inverted, *seconds = self._elimination.advance(
                 motion_of(state), straining, external, targets, control.base_shift, kept.lower, kept.upper,
                 model.dt, lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
-                data.rows, data.kinds, self._stiffness(state, model.dt * lag, moved), data.tree, data.work,
+                data.acting(self._stiffness(state, model.dt * lag, moved)), data.tree, data.work,
                 self._corners,
             )  # fmt: skip
         except FactorisationError:
@@ -250,7 +250,7 @@ class NumbaStepper:
             data.cells.paired.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
         return (
             motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
-            data.cells.arrays, data.nodes, data.rows, data.kinds, _NO_STIFFNESS, data.tree, data.work,
+            data.cells.arrays, data.nodes, data.acting(_NO_STIFFNESS), data.tree, data.work,
         )  # fmt: skip
 
     def _with_factor(self) -> NumbaStepper:
