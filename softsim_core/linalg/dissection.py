@@ -90,7 +90,7 @@ def landmark_distances(
 
 
 @kernel
-def sorted_by(measure: IndexArray, nodes: IndexArray) -> IndexArray:
+def sort_by(measure: IndexArray, nodes: IndexArray, result: IndexArray) -> None:
     """The nodes by rising `measure` (of each of them); of equal ones the earlier stands first."""
     low, high = measure.min(), measure.max()
     ends = np.zeros(high - low + 2, np.int64)
@@ -98,11 +98,9 @@ def sorted_by(measure: IndexArray, nodes: IndexArray) -> IndexArray:
         ends[value - low + 1] += 1
     for i in range(1, len(ends)):
         ends[i] += ends[i - 1]
-    result = np.empty(len(nodes), np.int64)
     for i in range(len(nodes)):
         result[ends[measure[i] - low]] = nodes[i]
         ends[measure[i] - low] += 1
-    return result
 
 
 @kernel
@@ -214,12 +212,13 @@ def part_in_two(
         for b in range(a):
             for i in range(len(nodes)):
                 measure[i] = far[a, nodes[i]] - far[b, nodes[i]]
-            orders[k] = sorted_by(measure, nodes)
+            sort_by(measure, nodes, orders[k])
             size[k] = cut(starts, neighbours, orders[k], side)
             k += 1
     smallest, best = len(nodes) + 1, np.empty(len(nodes), np.int64)
-    tried = np.argsort(size, kind="mergesort")[:IMPROVED]
-    for k in tried:
+    tried = np.empty(pairs, np.int64)
+    sort_by(size, np.arange(pairs), tried)
+    for k in tried[:IMPROVED]:
         cut(starts, neighbours, orders[k], side)
         found = improve(starts, neighbours, nodes, side, beside, moved)
         if found < smallest:
@@ -297,9 +296,11 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
             if high > low:
                 minimum_degree_inside(starts, neighbours, part, place, result[low:high])
             continue
-        inside[part] = True
+        for node in part:
+            inside[node] = True
         far = landmark_distances(starts, neighbours, part, inside, queue)
-        inside[part] = False
+        for node in part:
+            inside[node] = False
         apart = False
         for node in part:
             side[node] = 0 if far[0, node] >= 0 else 1
@@ -310,7 +311,8 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
         for node in part:
             ends[side[node] + 1] += 1
         if max(ends[1], ends[2]) == 0 or max(ends[1], ends[2]) == high - low:  # all are joined with all
-            result[low:high] = part
+            for i in range(low, high):
+                result[i] = nodes[i]
         else:
             ends[2] += ends[1]
             stack.append((low, low + ends[1]))
@@ -319,6 +321,8 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
             for node in part:
                 nodes[low + ends[side[node]]] = node
                 ends[side[node]] += 1
-            result[low + ends[1] : high] = nodes[low + ends[1] : high]
-        side[part] = OUTSIDE
+            for i in range(low + ends[1], high):
+                result[i] = nodes[i]
+        for node in part:
+            side[node] = OUTSIDE
     return result

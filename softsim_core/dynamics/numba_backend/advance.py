@@ -48,9 +48,9 @@ def assemble(
     x, v = motion.positions, motion.velocities
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
-    work.forces[:, :3] = external
     for n in range(len(x)):
         for i in range(3):
+            work.forces[n, i] = external[n, i]
             work.ahead[n, i] = x[n, i] + lag * straining[n, i]
     assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
     assemble_nodes(v, h, rayleigh_mass, nodes, work)

@@ -128,19 +128,14 @@ def region_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
     """Origin and rotation of the frame that each region follows, into region_origins, region_rotations."""
     joint_frames(motion, kinematics, work)
     for region in range(len(kinematics.regions)):
-        f, origin, rotation = (
-            kinematics.regions[region, 0],
-            work.region_origins[region],
-            work.region_rotations[region],
-        )
-        if f < 0:
-            origin[:] = work.joint_origins[kinematics.regions[region, 1]]
-            rotation[:] = work.joint_rotations[kinematics.regions[region, 1]]
-            continue
+        f, j = kinematics.regions[region, 0], kinematics.regions[region, 1]
+        origins = motion.frame_positions if f >= 0 else work.joint_origins
+        rotations = motion.frame_rotations if f >= 0 else work.joint_rotations
+        followed = f if f >= 0 else j
         for c in range(3):
-            origin[c] = motion.frame_positions[f, c]
+            work.region_origins[region, c] = origins[followed, c]
             for d in range(3):
-                rotation[c, d] = motion.frame_rotations[f, c, d]
+                work.region_rotations[region, c, d] = rotations[followed, c, d]
 
 
 @kernel
