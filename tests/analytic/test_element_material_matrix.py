@@ -18,10 +18,17 @@ from softsim_core.dynamics.actuator_statics import reduced_stiffness
 from softsim_core.dynamics.backends import make_stepper
 from softsim_core.dynamics.statics import solve_static
 from softsim_core.fem.assembly import elastic_forces
-from softsim_core.fem.cells import cauchy_stress, cell_energy, cell_forces, cell_stiffness
+from softsim_core.fem.cells import (
+    cauchy_stress,
+    cell_energy,
+    cell_forces,
+    cell_stiffness,
+    deformation_gradients,
+)
 from softsim_core.fem.elements import element, element_names, register_element
 from softsim_core.fem.group import ElementGroup, element_group
 from softsim_core.fem.materials import material, material_names
+from softsim_core.fem.materials.material import Material
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
@@ -53,6 +60,12 @@ YOUNG = 2e4
 ELEMENTS = ("tet4", "tet10", "tet4_four_points")
 """The package's, and one with several quadrature points from examples/my_element.py."""
 LAWS = tuple(VALUES)
+
+
+def knows_modes(law: str) -> bool:
+    """Whether it gives its positive tangent as modes, too."""
+    return type(material(law)).positive_modes is not Material.positive_modes
+
 
 pairs = pytest.mark.parametrize(("cell", "law"), [(cell, law) for cell in ELEMENTS for law in LAWS])
 some_pairs = pytest.mark.parametrize(
@@ -163,6 +176,25 @@ def test_positive_stiffness_has_no_negative_eigenvalue(cell: str, law: str, amou
     scale = np.abs(matrices).max(axis=(1, 2), keepdims=True)
     assert (np.abs(matrices - matrices.swapaxes(1, 2)) <= 1e-12 * scale).all()
     assert (np.linalg.eigvalsh(matrices) >= -1e-12 * scale[:, 0]).all()
+
+
+@pytest.mark.parametrize("cell", ELEMENTS)
+@pytest.mark.parametrize("law", [law for law in LAWS if knows_modes(law)])
+@pytest.mark.parametrize("amount", [0.0, 0.5, 3.0])
+def test_modes_of_a_law_are_its_positive_tangent(cell: str, law: str, amount: float) -> None:
+    """As tensors, and put on the nodes: a law that knows them is the same law."""
+    one, p = group(cell, law), parameters(cell, law)[:, None]
+    deformation = deformation_gradients(one, bent(cell, 6, amount))
+    modes = one.material.positive_modes(deformation, p)
+    assert modes is not None
+    tangent = one.material.positive_tangent(deformation, p)
+    np.testing.assert_allclose(modes.dense(), tangent, atol=1e-12 * np.abs(tangent).max())
+    weighted = one.weights[..., None, None, None, None] * tangent
+    expected = np.einsum("mqaj,mqijkl,mqbl->mabik", one.gradients, weighted, one.gradients, optimize=True)
+    if cell == "tet10":  # its mean volume takes a part of the bulk
+        return
+    found = cell_stiffness(one, bent(cell, 6, amount), parameters(cell, law), positive=True)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pairs
