@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
+import time
 from collections.abc import Callable
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -17,6 +19,9 @@ SPIN_PERIOD_S = 0.1
 
 HEED_S = 0.25
 """Longest wait in [s] for the packet that carries the stop: more than a period of the slowest rate."""
+
+ARRIVES_S = 0.5
+"""The node outlives its last answer by so long in [s]: one that nobody has read yet goes with the process."""
 
 
 class EStopServices:
@@ -55,15 +60,17 @@ class EStopServices:
         self._executor = SingleThreadedExecutor(context=bridge.context)
         self._executor.add_node(self._node)
         self._stop = threading.Event()
+        self._answered = -math.inf
         self._thread = threading.Thread(target=self._spin, name="servo_bridge_e_stop", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and destroy the node; a second call does nothing."""
+        """End the thread, and the node once its last answer can have arrived; a second call does nothing."""
         if self._stop.is_set():
             return
         self._stop.set()
         self._thread.join()
+        time.sleep(max(0.0, self._answered + ARRIVES_S - time.monotonic()))
         self._executor.shutdown(timeout_sec=0)
         self._node.destroy_node()
 
@@ -84,6 +91,7 @@ class EStopServices:
         self._tell()
         response.success, response.message = True, f"e-stop latched: {self._told(heeded)}"
         self._logger.warning(response.message)
+        self._answered = time.monotonic()
         return response
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -93,11 +101,12 @@ class EStopServices:
             words = f"the e-stop stays latched: commands that wait cannot be dropped ({sentence(error)})"
             response.success, response.message = False, words
             self._logger.error(words)
-            return response
-        self._e_stop.clear()
-        self._tell()
-        response.success, response.message = True, "e-stop cleared: the next command moves the servos"
-        self._logger.info(response.message)
+        else:
+            self._e_stop.clear()
+            self._tell()
+            response.success, response.message = True, "e-stop cleared: the next command moves the servos"
+            self._logger.info(response.message)
+        self._answered = time.monotonic()
         return response
 
     def _tell(self) -> None:

@@ -102,7 +102,7 @@ class Compiler:
         has one: with forty arrays in its arguments that wrapper takes as long to compile as the kernel. None
         has one for callers in C.
         """
-        if self._numba is None:
+        if self._numba is None or self._numba.config.DISABLE_JIT:
             return function
         inside = self._compiled(function, Path(self._cache), no_cpython_wrapper=True)
         inside.__class__ = self._inside

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
@@ -78,3 +78,18 @@ def test_kernels_come_from_the_cache_in_the_next_process(kernels: ModuleType, tm
     assert values.tolist() == [4.0, 4.0]
     assert sum(again.four_times.for_python.stats.cache_hits.values()) == 1
     assert not again.four_times.for_python.stats.cache_misses
+
+
+def test_without_compiling_they_are_plain_python(
+    kernels: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a debugger wants them, with NUMBA_DISABLE_JIT=1."""
+    import numba
+
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
+    plain = loaded(tmp_path)
+    values = np.ones(2)
+    plain.four_times(values)
+    assert values.tolist() == [4.0, 4.0]
+    assert isinstance(plain.four_times, FunctionType)
+    assert not isinstance(kernels.four_times, FunctionType)
