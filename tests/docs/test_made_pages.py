@@ -98,6 +98,19 @@ def test_every_page_is_in_the_order_of_the_site() -> None:
     order = (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8")
     for page in DOCS.rglob("*.md"):
         assert page.relative_to(DOCS).as_posix() in order, page
+    for group, names in program("library.py").GROUPS.items():
+        made = f"library/{re.sub('[^a-z]+', '_', group.lower())}.md"
+        assert made in order or names == "__version__", made
+    for notebook in NOTEBOOKS:
+        assert f"notebooks/{notebook.stem}.md" in order, notebook
+
+
+def test_warnings_of_the_site_fail_where_it_is_built() -> None:
+    """With --quiet mkdocs counts none, and --strict finds nothing."""
+    built = [line for line in (REPOSITORY / ".ci/run").read_text().splitlines() if "mkdocs build" in line]
+    assert len(built) == 1
+    assert "--strict" in built[0]
+    assert "--quiet" not in built[0]
 
 
 def test_the_front_page_is_one_that_is_read() -> None:
