@@ -109,7 +109,9 @@ def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Pa
     assert (first.known, again.known) == (False, True)
     one, other = (write_tets(tmp_path / f"{k}.vtk", made.mesh) for k, made in enumerate((first, again)))
     assert one.read_bytes() == other.read_bytes()
-    assert again.report == first.report
+    assert replace(again.report, warnings=()) == replace(first.report, warnings=())
+    named = [each.replace(str(elsewhere), str(part)) for each in again.report.warnings]  # a sliver, now and then
+    assert named == list(first.report.warnings)
     assert not mesh_part(part, replace(COARSE, size=9e-3)).known
     (kept,) = [
         file for file in cache.glob("*.vtk") if read_tets(file).points.shape == first.mesh.points.shape
