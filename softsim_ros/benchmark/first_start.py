@@ -40,7 +40,7 @@ LEFT_OUT: Final = (".git", ".softsim*", "__pycache__", ".*_cache", "*.egg-info",
 FORGOTTEN: Final = (
     "PYTHONPATH", "VIRTUAL_ENV", "SOFTSIM_HOME", "NUMBA_CACHE_DIR", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH",
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS", "PYTHONDONTWRITEBYTECODE",
+    "NUMBA_NUM_THREADS",
 )  # fmt: skip
 
 _LINES: Final = (  # of the command -> the phase that has ended then
