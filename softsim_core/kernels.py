@@ -15,6 +15,17 @@ F = TypeVar("F", bound=Callable[..., Any])
 _FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN and infinity keep their meaning
 
 
+def why_plain() -> str | None:
+    """Why kernels stay plain Python, and what to do; None: Numba compiles them."""
+    try:
+        import numba
+    except ImportError:
+        return "numba is not installed: pip install numba"
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return "NUMBA_DISABLE_JIT is set, as for a debugger: unset it"
+    return None
+
+
 class OneSignature:
     """A kernel that is called with arguments of the same types every time: they are looked at once only.
 
@@ -52,7 +63,7 @@ class _Inside:
 
 
 class Compiler:
-    """Compiles the kernels in the files of one folder; where Numba is absent they stay plain Python.
+    """Compiles the kernels in the files of one folder; they stay plain Python for `why_plain`'s reasons.
 
     The cache lies in a folder named after all sources of the package: Numba misses a change in a kernel that
     another one calls.
@@ -71,11 +82,11 @@ class Compiler:
         for source in sorted(folder.glob("*.py")):
             digest.update(source.read_bytes())
         self.name: str = f"kernels-{digest.hexdigest()[:16]}"
-        try:
-            import numba
-        except ImportError:
-            self._numba: Any = None
+        self._numba: Any = None
+        if why_plain():
             return
+        import numba
+
         self._numba = numba
         self._inside = type("Inside", (_Inside, numba.core.registry.CPUDispatcher), {})
         if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
@@ -88,7 +99,7 @@ class Compiler:
 
     @property
     def cache(self) -> Path | None:
-        """The folder of the cache; None without Numba."""
+        """The folder of the cache; None where nothing is compiled."""
         return None if self._numba is None else Path(self._cache)
 
     def changed(self) -> list[tuple[str, int]]:
@@ -102,7 +113,7 @@ class Compiler:
         has one: with forty arrays in its arguments that wrapper takes as long to compile as the kernel. None
         has one for callers in C.
         """
-        if self._numba is None or self._numba.config.DISABLE_JIT:
+        if self._numba is None:
             return function
         inside = self._compiled(function, Path(self._cache), no_cpython_wrapper=True)
         inside.__class__ = self._inside

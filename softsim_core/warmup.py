@@ -85,7 +85,7 @@ def cached_kernels() -> tuple[int, Path]:
 
 
 def kernels_ready() -> bool:
-    """Whether `warm_up` has run to its end with the sources here, for this processor; True without Numba."""
+    """Whether `warm_up` has run to its end with the sources here, for this processor, or none is compiled."""
     mark = _mark()
     return mark is None or mark.is_file()
 
@@ -187,7 +187,7 @@ def _compilers() -> tuple[Compiler, ...]:
 
 
 def _mark(package: Path = Path(__file__).parent, kind: str = "ready") -> Path | None:
-    """The file that says that kernels are in the cache, in the folder of the step's; None: no Numba.
+    """The file that says that kernels are in the cache, in the folder of the step's; None: none is compiled.
 
     Numba finds kernels by the place and the time of their sources, so a copy of the checkout has another one.
 

@@ -10,6 +10,7 @@ from softsim_core.dynamics import Backend
 from softsim_core.dynamics.scipy_backend import ScipyStepper
 from softsim_core.dynamics.stepper import Stepper
 from softsim_core.errors import SceneError
+from softsim_core.kernels import why_plain
 from softsim_core.linalg.solvers import AUTO, COMPILED, ITERATIVE, linear_solver
 from softsim_core.mechanics.model import Model
 
@@ -28,12 +29,13 @@ def make_stepper(
     like: Stepper | None = None,
     threads: int | None = None,
 ) -> Stepper:
-    """The step implementation: "scipy", "numba", or "auto" (numba; without it scipy, and a warning once).
+    """The step implementation: "scipy", "numba", or "auto" (numba, or scipy and a warning once).
 
     Args:
         model: What moves.
         actuators: What pulls and pushes at the command of joints; None: nothing.
-        backend: The compiled step is one with its linear solver; any other solver runs with plain assembly.
+        backend: "auto" takes scipy where kernels stay plain Python. The compiled step is one with its
+            linear solver; any other solver runs with plain assembly.
         solver: Name of the linear solver, see linalg.solvers.
         touching: Whether steps are taken with contacts, which take many solutions each.
         like: That of another copy of the scene, which is never in a step at the same time: the compiled step
@@ -41,7 +43,7 @@ def make_stepper(
         threads: Of the compiled step of a large mesh; None: as many as the process may use.
 
     Raises:
-        SceneError: no such solver, one that does not go with the backend, or Numba is missing.
+        SceneError: no such solver, one that does not go with the backend, or kernels are not compiled here.
     """
     actuators = actuators if actuators is not None else Actuators()
     chosen, compiled = linear_solver(solver), has_compiled_step(solver)
@@ -50,25 +52,19 @@ def make_stepper(
             f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"
         )
     if backend != "scipy" and compiled:
-        try:
+        plain = why_plain()
+        if plain is None:
             from softsim_core.dynamics.numba_backend.stepper import NumbaStepper
 
             earlier = like if isinstance(like, NumbaStepper) else None
             iterative = None if solver == AUTO else solver == ITERATIVE
             return NumbaStepper(model, actuators, iterative, touching, earlier, threads)
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.split(".")[0] not in ("numba", "llvmlite"):
-                raise
-            if backend == "numba":
-                raise SceneError(
-                    "backend numba needs the package numba: pip install numba, or use scipy"
-                ) from error
-            _say_that_numba_is_missing()
+        if backend == "numba":
+            raise SceneError(f"backend numba needs compiled kernels, but {plain}, or use scipy")
+        _say_that_the_slower_step_runs(plain)
     return ScipyStepper(model, actuators, chosen)
 
 
 @cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings
-def _say_that_numba_is_missing() -> None:
-    warnings.warn(
-        "numba is not installed: the slower NumPy + SciPy step runs; pip install numba", stacklevel=4
-    )
+def _say_that_the_slower_step_runs(reason: str) -> None:
+    warnings.warn(f"the slower NumPy + SciPy step runs: {reason}", stacklevel=4)

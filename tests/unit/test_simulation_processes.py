@@ -26,9 +26,7 @@ for step in range(60):
 print(hashlib.sha256(sim.snapshot()).hexdigest())
 """
 
-WITHOUT_NUMBA = """
-import sys
-sys.modules["numba"] = None  # importing it fails as if it were not installed
+PLAIN = """
 from softsim_core import Simulation, load_scene
 first = Simulation(load_scene("tripod"))
 second = Simulation(load_scene("tripod"), backend="auto")
@@ -66,10 +64,28 @@ def test_two_processes_compute_the_same_bytes(backend: str) -> None:
     assert len(digests.pop().strip()) == 64
 
 
-@pytest.mark.slow
-def test_without_numba_the_readable_step_runs_and_says_so_once() -> None:
-    result = python(WITHOUT_NUMBA)
+def told(result: subprocess.CompletedProcess[str], why: str) -> None:
+    """That PLAIN ran on the SciPy path, and why, once."""
     lines = result.stdout.splitlines()
     assert lines[:2] == ["scipy", "scipy"]
-    assert lines[2] == "SceneError backend numba needs the package numba: pip install numba, or use scipy"
-    assert result.stderr.count("numba is not installed") == 1, result.stderr
+    assert lines[2] == f"SceneError backend numba needs compiled kernels, but {why}, or use scipy"
+    assert result.stderr.count(f"the slower NumPy + SciPy step runs: {why}") == 1, result.stderr
+
+
+@pytest.mark.slow
+def test_without_numba_the_readable_step_runs_and_says_so_once() -> None:
+    not_there = 'import sys; sys.modules["numba"] = None  # its import fails, as where it is not installed'
+    told(python(not_there + PLAIN), "numba is not installed: pip install numba")
+
+
+@pytest.mark.slow
+def test_where_numba_may_not_compile_the_readable_step_runs() -> None:
+    """With contacts, too, whose kernels are then plain Python."""
+    touching = """
+sim = Simulation(load_scene("tripod_ball"))
+sim.step()
+print(sim.backend)
+"""
+    result = python(PLAIN + touching, NUMBA_DISABLE_JIT="1")
+    told(result, "NUMBA_DISABLE_JIT is set, as for a debugger: unset it")
+    assert result.stdout.splitlines()[3] == "scipy"

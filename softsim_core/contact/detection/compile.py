@@ -1,4 +1,4 @@
-"""The decorator of the kernels of contact detection; without Numba they run as plain Python."""
+"""The decorator of the kernels of contact detection, compiled or plain as `Compiler` says."""
 
 from __future__ import annotations
 

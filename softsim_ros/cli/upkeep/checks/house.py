@@ -72,9 +72,11 @@ def optional_packages() -> list[Finding]:
 
 def numba() -> list[Finding]:
     """Numba, and whether the kernels are compiled already."""
-    if importlib.util.find_spec("numba") is None:
-        advice = "pip install numba; until then the SciPy path runs, several times slower"
-        return [Finding(Level.WARNING, "numba", "not installed", advice)]
+    from softsim_core.kernels import why_plain
+
+    if plain := why_plain():
+        advice = "until then the SciPy path runs, several times slower"
+        return [Finding(Level.WARNING, "numba", plain, advice)]
     from softsim_core.warmup import cached_kernels, kernels_ready
 
     compiled, folder = cached_kernels()
