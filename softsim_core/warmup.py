@@ -6,8 +6,8 @@ import argparse
 import hashlib
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from subprocess import Popen
@@ -17,6 +17,7 @@ from time import perf_counter, sleep
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.errors import SolverDivergedError
 from softsim_core.kernels import Compiler
+from softsim_core.kernels.compile_process import COMPILES_HERE, alone
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import (
@@ -102,7 +103,7 @@ def warm_up() -> float:
         return 0.0
     started = perf_counter()
     mark.parent.mkdir(parents=True, exist_ok=True)
-    with _alone(mark.with_name("compiling")):
+    with alone(mark.with_name("compiling")):
         for compiler in _compilers():
             compiler.forget_old_kernels()
         if not mark.is_file():
@@ -128,7 +129,7 @@ def warm_up_scene(robot: RobotDescription) -> None:
     if mark is None:
         return
     mark.parent.mkdir(parents=True, exist_ok=True)
-    with _alone(mark.with_name("compiling")):
+    with alone(mark.with_name("compiling")):
         for compiler in _compilers():
             compiler.forget_old_kernels()
         with _compiling_contact() if robot.scene.collisions else nullcontext():
@@ -153,7 +154,7 @@ def warm_up_large() -> float:
     mark = _mark(kind="large")
     if mark is None:
         return 0.0
-    with _alone(mark.with_name("compiling-large")):
+    with alone(mark.with_name("compiling-large")):
         if not mark.is_file():
             scene = touching_scene(_MANY_CELLS)
             for linear_solver in ("supernodal", "iterative"):
@@ -209,19 +210,6 @@ def _mark(package: Path = Path(__file__).parent, kind: str = "ready") -> Path | 
     return folder / f"{kind}-{hashlib.sha256(repr(told).encode()).hexdigest()[:16]}"
 
 
-@contextmanager
-def _alone(file: Path) -> Iterator[None]:
-    """Hold a file's lock, waiting for it; where the system has none, nothing is held."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with file.open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
 def _end_with_parent(parent: int) -> None:
     """End this process when the one that started it is gone: compiling hears nothing for seconds."""
 
@@ -243,6 +231,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--small", action="store_true", help="none of large meshes")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="the process to end with")
     chosen = parser.parse_args(words)
+    os.environ[COMPILES_HERE] = "1"
     if chosen.beside or chosen.contact:
         _end_with_parent(chosen.parent)
     if chosen.beside and hasattr(os, "nice"):

@@ -1,13 +1,21 @@
-"""Kernels call each other without a wrapper for Python, and Python calls each of them all the same."""
+"""Kernels call each other without a wrapper for Python, which calls them, too; another process compiles."""
 
 from __future__ import annotations
 
 import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from subprocess import PIPE
 from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
+
+from softsim_core.kernels.compile_process import IDLE_S, CompileProcess, Wanted, compile_process
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -35,7 +43,7 @@ def four_times(values):
 
 
 def loaded(folder: Path) -> ModuleType:
-    """The package in a folder, as a process loads it."""
+    """The package in a folder, as a process loads it; others do not find it, and it is compiled here."""
     spec = importlib.util.spec_from_file_location("kernels_here", folder / "kernels_here.py")
     assert spec is not None
     assert spec.loader is not None
@@ -78,6 +86,81 @@ def test_kernels_come_from_the_cache_in_the_next_process(kernels: ModuleType, tm
     assert values.tolist() == [4.0, 4.0]
     assert sum(again.four_times.for_python.stats.cache_hits.values()) == 1
     assert not again.four_times.for_python.stats.cache_misses
+
+
+@pytest.fixture
+def importable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """The same package where another process finds it, too."""
+    (tmp_path / "kernels_there.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module("kernels_there")
+    compile_process.close()
+    del sys.modules["kernels_there"]
+
+
+def test_what_is_missing_in_the_cache_another_process_compiles(importable: ModuleType) -> None:
+    """A process that compiled, and one that loads, would differ in the last bits."""
+    values = np.ones(2)
+    importable.four_times(values)
+    assert values.tolist() == [4.0, 4.0]
+    assert not importable.four_times.for_python.stats.cache_misses
+    assert sum(importable.four_times.for_python.stats.cache_hits.values()) == 1
+    assert not importable.twice.overloads
+
+
+def test_a_process_that_compiles_may_die(importable: ModuleType) -> None:
+    process = CompileProcess()
+    try:
+        assert process.compile(wanted("twice", float))
+        child = process._process
+        assert child is not None
+        child.kill()
+        child.wait()
+        assert process.compile(wanted("four_times", float))
+    finally:
+        process.close()
+
+
+def test_what_another_process_cannot_compile_this_one_tells_of(importable: ModuleType) -> None:
+    from numba.core.errors import TypingError
+
+    process = CompileProcess()
+    try:
+        assert not process.compile(wanted("twice", str))
+        assert not process.compile(wanted("thrice", float))
+        assert not process.compile(Wanted("kernels_nowhere", "twice", ()))
+        assert process.compile(wanted("twice", float))
+    finally:
+        process.close()
+    with pytest.raises(TypingError):
+        importable.twice("text")
+
+
+def wanted(name: str, of: type) -> Wanted:
+    """A kernel of the importable package, for an array of floats, or for a text."""
+    from numba import float64, types
+
+    return Wanted("kernels_there", name, (types.unicode_type if of is str else float64[::1],))
+
+
+def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: ModuleType) -> None:
+    """However that ends; long before it would end by itself."""
+    code = (
+        "import os, signal\n"
+        "import numpy as np\n"
+        "import kernels_there\n"
+        "kernels_there.twice(np.ones(2))\n"
+        "print('compiled', flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=PIPE, stderr=PIPE, text=True
+    ) as asks:
+        assert asks.stdout is not None
+        assert asks.stdout.readline() == "compiled\n"
+        asks.communicate(timeout=IDLE_S / 2)  # to the end of its errors, which are the other's, too
+    assert asks.returncode == -signal.SIGKILL
 
 
 def test_without_compiling_they_are_plain_python(

@@ -64,6 +64,13 @@ def test_two_processes_compute_the_same_bytes(backend: str) -> None:
     assert len(digests.pop().strip()) == 64
 
 
+@pytest.mark.numba
+@pytest.mark.exhaustive  # all kernels of the robot are compiled; tests of kernels hold what it stands on
+def test_the_process_that_needs_the_kernels_first_computes_the_same_bytes(tmp_path: Path) -> None:
+    digests = [python(RUN, "numba", NUMBA_CACHE_DIR=str(tmp_path)).stdout for _ in range(2)]
+    assert digests[0] == digests[1]
+
+
 def told(result: subprocess.CompletedProcess[str], why: str) -> None:
     """That PLAIN ran on the SciPy path, and why, once."""
     lines = result.stdout.splitlines()

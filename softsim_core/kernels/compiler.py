@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -48,20 +48,6 @@ class OneSignature:
         return self._code(*arguments)
 
 
-class _Inside:
-    """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
-
-    with_wrapper: Callable[[], Any]
-
-    @cached_property
-    def for_python(self) -> Any:
-        """The one that Python calls."""
-        return self.with_wrapper()
-
-    def __call__(self, *arguments: Any) -> Any:
-        return self.for_python(*arguments)
-
-
 class Compiler:
     """Compiles the kernels in the files of one folder; they stay plain Python for `why_plain`'s reasons.
 
@@ -88,7 +74,6 @@ class Compiler:
         import numba
 
         self._numba = numba
-        self._inside = type("Inside", (_Inside, numba.core.registry.CPUDispatcher), {})
         if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
             base = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
         elif os.access(self._beside if self._beside.is_dir() else folder, os.W_OK):
@@ -115,25 +100,25 @@ class Compiler:
         """
         if self._numba is None:
             return function
-        inside = self._compiled(function, Path(self._cache), no_cpython_wrapper=True)
-        inside.__class__ = self._inside
-        inside.with_wrapper = partial(self._compiled, function, Path(self._cache) / "for_python")
+        from softsim_core.kernels.dispatchers import ForPython, Inside
+
+        inside = self._compiled(function, Inside, Path(self._cache), no_cpython_wrapper=True)
+        folder = Path(self._cache) / "for_python"
+        inside.with_wrapper = partial(self._compiled, function, ForPython, folder)
         return cast(F, inside)
 
-    def _compiled(self, function: F, folder: Path, **options: bool) -> Any:
+    def _compiled(self, function: F, kind: type, folder: Path, **options: bool) -> Any:
+        compiled = self._numba.njit(
+            nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True, **options
+        )(function)
+        compiled.__class__ = kind
         config = self._numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read when the function is decorated
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read when caching begins
         try:
-            return self._numba.njit(
-                cache=True,
-                nogil=True,
-                fastmath=_FLAGS,
-                error_model="numpy",
-                no_cfunc_wrapper=True,
-                **options,
-            )(function)
+            compiled.enable_caching()
         finally:
             config.CACHE_DIR = before
+        return compiled
 
     def forget_old_kernels(self) -> None:
         """Remove what earlier versions of the kernels left beside the present cache."""

@@ -1,0 +1,145 @@
+"""Kernels are compiled by a process of their own, and this one loads them; run as a program, it compiles.
+
+A process that compiles kernels sums in another order than one that loads them: a kernel that another one
+calls is there twice, by itself and within its caller, and the first of the two is called. Both are right, and
+differ in the last bits. So nobody steps by what it has compiled itself: a simulation gives the same bytes in
+the process that needed the kernels first, and in all later ones.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from subprocess import PIPE, Popen
+from threading import Lock, Thread
+from typing import Any, BinaryIO, Final, NamedTuple
+
+COMPILES_HERE: Final = "SOFTSIM_COMPILES_HERE"
+"""Set in the environment of processes that only compile, and step by nothing."""
+
+IDLE_S: Final = 10.0
+"""A process that has so long had nothing to compile ends: it holds half a gigabyte."""
+
+
+class Wanted(NamedTuple):
+    """A kernel for arguments of some types (those of Numba)."""
+
+    module: str
+    name: str
+    types: tuple[Any, ...]
+
+
+class CompileProcess:
+    """The process that compiles for this one; it begins when a kernel is missing in the cache."""
+
+    def __init__(self) -> None:
+        self._one_at_a_time = Lock()
+        self._process: Popen[bytes] | None = None
+        self._began_in = 0
+
+    def compile(self, wanted: Wanted) -> bool:
+        """Have a kernel compiled into the cache, and wait for it; False: it was not, whatever the reason."""
+        if COMPILES_HERE in os.environ or not sys.executable or getattr(sys, "frozen", False):
+            return False
+        with self._one_at_a_time:
+            for _ in range(2):  # one that was idle may end while it is asked
+                try:
+                    return self._answer(wanted)
+                except (OSError, EOFError):
+                    self.close()
+                except BaseException:  # Ctrl-C: the answer to this comes later, and is not that to the next
+                    self.close()
+                    raise
+        return False
+
+    def close(self) -> None:
+        """End the process; what is in the cache stays."""
+        process, self._process = self._process, None
+        if process is not None and self._began_in == os.getpid():
+            process.kill()
+            process.communicate()
+
+    def _answer(self, wanted: Wanted) -> bool:
+        if self._process is None or self._began_in != os.getpid():  # a fork has none of its own
+            self._process, self._began_in = _begun(), os.getpid()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(pickle.dumps(_import_paths()) + pickle.dumps(wanted))
+        self._process.stdin.flush()
+        return bool(pickle.load(self._process.stdout))
+
+
+compile_process: Final = CompileProcess()
+atexit.register(compile_process.close)
+
+
+@contextmanager
+def alone(file: Path) -> Iterator[None]:
+    """Hold a file's lock, waiting for it; where the system has none, nothing is held."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with file.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _begun() -> Popen[bytes]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths()), COMPILES_HERE: "1"}
+    return Popen([sys.executable, "-m", __name__], stdin=PIPE, stdout=PIPE, env=environment)
+
+
+def _import_paths() -> list[str]:
+    return [str(Path(each).absolute()) for each in sys.path]
+
+
+def _compiled(wanted: Wanted) -> bool:
+    """Compile a kernel, or find that another process has done so meanwhile."""
+    kernel = getattr(import_module(wanted.module), wanted.name).for_python
+    with alone(Path(kernel.stats.cache_path) / "compiling"):
+        kernel.compile(wanted.types)
+    return True
+
+
+def _heard(requests: BinaryIO, wanted: SimpleQueue[Wanted]) -> None:
+    """Hear what is wanted, and end this process with the one that asks, in the middle of a kernel, too."""
+    with suppress(EOFError, OSError):
+        while True:
+            sys.path[:] = pickle.load(requests)  # before the types, which may be of a package that is new
+            wanted.put(pickle.load(requests))
+    os._exit(0)
+
+
+def main() -> int:
+    """Compile what the standard input wants until it ends, or wants nothing for a while."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what modules print is no answer
+    wanted: SimpleQueue[Wanted] = SimpleQueue()
+    Thread(target=_heard, args=(sys.stdin.buffer, wanted), daemon=True).start()
+    while True:
+        try:
+            kernel = wanted.get(timeout=IDLE_S)
+        except Empty:
+            return 0
+        try:
+            done = _compiled(kernel)
+        except Exception:  # where it is compiled next, the reason is told
+            done = False
+        answers.write(pickle.dumps(done))
+        answers.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

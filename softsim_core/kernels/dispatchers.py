@@ -1,0 +1,47 @@
+"""What Numba makes of a kernel: one that kernels call, and one for Python, which another process compiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+from numba.core.caching import FunctionCache
+from numba.core.registry import CPUDispatcher
+
+from softsim_core.kernels.compile_process import Wanted, compile_process
+
+
+class Inside(CPUDispatcher):
+    """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
+
+    with_wrapper: Callable[[], Any]
+
+    @cached_property
+    def for_python(self) -> Any:
+        """The one that Python calls."""
+        return self.with_wrapper()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the one for Python."""
+        return self.for_python(*arguments)
+
+
+class ForPython(CPUDispatcher):
+    """A kernel that Python calls: what is missing in its cache is compiled by another process."""
+
+    def enable_caching(self) -> None:
+        """Numba's cache, but for who compiles."""
+        self._cache = _CompiledElsewhere(self.py_func)
+
+
+class _CompiledElsewhere(FunctionCache):
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._module, self._name = function.__module__, function.__name__
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
+            found = super().load_overload(sig, target_context)
+        return found
