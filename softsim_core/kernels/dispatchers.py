@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from numba.core.caching import FunctionCache
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 
 from softsim_core.kernels.compile_process import Wanted, compile_process
 
@@ -45,3 +45,9 @@ class _CompiledElsewhere(FunctionCache):
         if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
             found = super().load_overload(sig, target_context)
         return found
+
+
+def get_ready_to_load() -> None:
+    """Do what the first kernel that is loaded would wait for: Numba's tables of what it can compile."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()

@@ -110,7 +110,7 @@ def _compiled(running: Simulation) -> Simulation:
     with suppress(SolverDivergedError):
         trial.step()
     trial.von_mises()
-    return Simulation(robot, backend="numba")
+    return Simulation(robot, backend="numba", like=trial)
 
 
 def _goes_over(running: Simulation, loaded: Simulation) -> Callable[[Simulation], int | None]:

@@ -12,7 +12,7 @@ from softsim_core import RobotDescription, Simulation
 from softsim_core.dynamics.backends import has_compiled_step
 from softsim_core.errors import SoftSimError, SolverDivergedError
 from softsim_core.scene import SceneCatalog
-from softsim_core.warmup import kernels_ready
+from softsim_core.warmup import get_ready_to_load, kernels_ready
 from softsim_node.ending import ending
 from softsim_ros.simulator.compiled_later import BEGINS
 from softsim_ros.simulator.parameters import SimulatorSettings
@@ -61,6 +61,7 @@ class SceneBuilder:
         self._logger.info(f"building {robot.name}{f'; {BEGINS}' if waits else ''}")
         if waits:
             backend = "scipy"
+            get_ready_to_load()  # now, since later it would be in the way of a robot that moves
 
         def make() -> Simulation:
             trial = Simulation(replace(robot, controllers=()), backend=backend)

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.numba
 
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.errors import SceneError  # noqa: E402
+from softsim_core.kernels.compile_process import alone  # noqa: E402
 from softsim_core.warmup import small_scene, touching_scene  # noqa: E402
 from softsim_ros.simulator.physics_thread import PhysicsThread  # noqa: E402
 
@@ -166,6 +167,31 @@ def test_the_robot_does_not_wait_for_the_swap() -> None:
 
 
 @pytest.mark.slow
+def test_most_of_what_kernels_need_is_loaded_before_the_robot_moves() -> None:
+    """What is loaded beside it shares Python's lock with its steps; in a process of its own, as the simulator."""
+    compiled_kernels()
+    code = (
+        "from time import thread_time\n"
+        "from softsim_core import Simulation, load_scene\n"
+        "from softsim_core.warmup import get_ready_to_load\n"
+        "from softsim_ros.simulator.compiled_later import _compiled\n"
+        "times = [thread_time()]\n"
+        "get_ready_to_load()\n"
+        "times.append(thread_time())\n"
+        "running = Simulation(load_scene('tripod'), backend='scipy')\n"
+        "running.step()\n"
+        "times.append(thread_time())\n"
+        "assert _compiled(running).compiled\n"
+        "times.append(thread_time())\n"
+        "print(times[1] - times[0], times[3] - times[2])\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    before, beside = map(float, run.stdout.split())
+    assert beside < before, run.stderr
+
+
+@pytest.mark.slow
 def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any) -> None:
     from softsim_ros.simulator.compiled_later import CompiledLater
 
@@ -256,15 +282,11 @@ def test_kernels_of_another_place_or_time_are_not_taken_for_ready(tmp_path: Path
 
 @pytest.mark.slow
 def test_of_two_that_compile_one_waits(tmp_path: Path) -> None:
-    from softsim_core import warmup
-
-    mark = warmup._mark()
-    assert mark is not None
     order: list[str] = []
-    with warmup._alone(tmp_path / "compiling"):
+    with alone(tmp_path / "compiling"):
 
         def wait() -> None:
-            with warmup._alone(tmp_path / "compiling"):
+            with alone(tmp_path / "compiling"):
                 order.append("second")
 
         thread = threading.Thread(target=wait)
