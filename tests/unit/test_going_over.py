@@ -168,7 +168,7 @@ def test_the_robot_does_not_wait_for_the_swap() -> None:
 
 @pytest.mark.slow
 def test_most_of_what_kernels_need_is_loaded_before_the_robot_moves() -> None:
-    """What is loaded beside it shares Python's lock with its steps; in a process of its own, as the simulator."""
+    """What is loaded beside it shares Python's lock with its steps; in a new process, as the simulator is."""
     compiled_kernels()
     code = (
         "from time import thread_time\n"
