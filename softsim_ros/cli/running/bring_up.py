@@ -13,7 +13,6 @@ from rclpy.parameter import Parameter
 from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
 from softsim_core.scene import RobotDescription
-from softsim_node import discovery
 from softsim_node.process import ros_process
 from softsim_ros.cli.running.boards import BoardChoice, BoardKind, local_board, quiet_s
 from softsim_ros.cli.running.status_line import show_status
@@ -141,8 +140,6 @@ def run_bring_up(
     Raises:
         SoftSimError: a node could not be made.
     """
-    print(f"starting {robot.name}: Ctrl-C ends it in the safe pose", flush=True)
-    print(discovery.sentence(os.environ), flush=True)
     switches = {"inverse": inverse, "watch": watch}
     with (
         ros_process(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import re
 import sys
 
@@ -73,8 +74,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run until a key quits or Ctrl-C or SIGTERM comes; the servos end in the safe pose."""
     from softsim_core.scene import load_scene
-    from softsim_ros.cli.running.boards import BoardChoice, BoardKind
-    from softsim_ros.cli.running.bring_up import run_bring_up
+    from softsim_node import discovery
     from softsim_ros.cli.running.one_at_a_time import only_one
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
@@ -89,19 +89,26 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     if scene.board is None and not arguments.no_bridge:
         print(f"{scene.name} has no section board: simulating only, without a servo bridge")
-    named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(arguments.board, BoardKind.REAL)
-    board = BoardChoice(
-        BoardKind.NONE if arguments.no_bridge or scene.board is None else named,
-        port="" if arguments.board == SEARCH else arguments.board,
-        send=arguments.send,
-    )
-    interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
     with contextlib.ExitStack() as stack:
         stack.enter_context(only_one(namespace))
+        print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
+        print(discovery.sentence(os.environ), flush=True)
         page = None
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
             page = stack.enter_context(WebPage(scene.name, namespace, choice))
+        from softsim_ros.cli.running.boards import BoardChoice, BoardKind  # the nodes, half a second to load
+        from softsim_ros.cli.running.bring_up import run_bring_up
+
+        named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(
+            arguments.board, BoardKind.REAL
+        )
+        board = BoardChoice(
+            BoardKind.NONE if arguments.no_bridge or scene.board is None else named,
+            port="" if arguments.board == SEARCH else arguments.board,
+            send=arguments.send,
+        )
+        interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
         return run_bring_up(
             scene,
             namespace,

@@ -90,12 +90,15 @@ class WebPage:
     def notice(self) -> str:
         """One sentence with the address, or with the reason why there is no page; waits until it is known.
 
-        Ask again for the sentence of that moment: a page may end before the robot does.
+        Nothing where this process shall end before. Ask again for the sentence of that moment: a page may
+        end before the robot does.
         """
         end = time.monotonic() + START_WITHIN_S
         while not (self._settled.wait(LOOK_S) or ending.asked or time.monotonic() > end):
             pass
         if not self._settled.is_set():
+            if ending.asked:
+                return ""
             self._last = f"it did not start within {START_WITHIN_S:g} s"
         if not self._address:
             return f"no web page: {self._last}"
