@@ -17,7 +17,7 @@ from time import perf_counter, sleep
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.errors import SolverDivergedError
 from softsim_core.kernels import Compiler
-from softsim_core.kernels.compile_process import COMPILES_HERE, alone
+from softsim_core.kernels.compile_process import alone, compile_process
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.description import (
@@ -241,7 +241,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--small", action="store_true", help="none of large meshes")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="the process to end with")
     chosen = parser.parse_args(words)
-    os.environ[COMPILES_HERE] = "1"
+    compile_process.compile_here()
     if chosen.beside or chosen.contact:
         _end_with_parent(chosen.parent)
     if chosen.beside and hasattr(os, "nice"):

@@ -21,9 +21,6 @@ from subprocess import PIPE, Popen
 from threading import Lock, Thread
 from typing import Any, BinaryIO, Final, NamedTuple
 
-COMPILES_HERE: Final = "SOFTSIM_COMPILES_HERE"
-"""Set in the environment of processes that only compile, and step by nothing."""
-
 IDLE_S: Final = 10.0
 """A process that has so long had nothing to compile ends: it holds half a gigabyte."""
 
@@ -42,11 +39,11 @@ class CompileProcess:
     def __init__(self) -> None:
         self._one_at_a_time = Lock()
         self._process: Popen[bytes] | None = None
-        self._began_in = 0
+        self._used = bool(sys.executable) and not getattr(sys, "frozen", False)
 
     def compile(self, wanted: Wanted) -> bool:
         """Have a kernel compiled into the cache, and wait for it; False: it was not, whatever the reason."""
-        if COMPILES_HERE in os.environ or not sys.executable or getattr(sys, "frozen", False):
+        if not self._used:
             return False
         with self._one_at_a_time:
             for _ in range(2):  # one that was idle may end while it is asked
@@ -59,16 +56,24 @@ class CompileProcess:
                     raise
         return False
 
+    def compile_here(self) -> None:
+        """Have all compiled in this process: it steps by nothing, or what is compiled is not kept."""
+        self._used = False
+
     def close(self) -> None:
         """End the process; what is in the cache stays."""
         process, self._process = self._process, None
-        if process is not None and self._began_in == os.getpid():
+        if process is not None:
             process.kill()
             process.communicate()
 
+    def forget(self) -> None:
+        """Begin anew in a process that was forked: the one that compiles is that of another."""
+        self._one_at_a_time, self._process = Lock(), None
+
     def _answer(self, wanted: Wanted) -> bool:
-        if self._process is None or self._began_in != os.getpid():  # a fork has none of its own
-            self._process, self._began_in = _begun(), os.getpid()
+        if self._process is None:
+            self._process = _begun()
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(pickle.dumps(_import_paths()) + pickle.dumps(wanted))
@@ -78,6 +83,8 @@ class CompileProcess:
 
 compile_process: Final = CompileProcess()
 atexit.register(compile_process.close)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=compile_process.forget)
 
 
 @contextmanager
@@ -94,7 +101,7 @@ def alone(file: Path) -> Iterator[None]:
 
 
 def _begun() -> Popen[bytes]:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths()), COMPILES_HERE: "1"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths())}
     return Popen([sys.executable, "-m", __name__], stdin=PIPE, stdout=PIPE, env=environment)
 
 
@@ -119,10 +126,13 @@ def _heard(requests: BinaryIO, wanted: SimpleQueue[Wanted]) -> None:
     os._exit(0)
 
 
-def main() -> int:
-    """Compile what the standard input wants until it ends, or wants nothing for a while."""
+def main() -> None:
+    """Compile what the standard input wants until it ends, or wants nothing for a while; ends the process."""
     import signal
 
+    import_module(
+        "softsim_core.kernels.compile_process"
+    ).compile_process.compile_here()  # here it is __main__
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what modules print is no answer
@@ -132,7 +142,7 @@ def main() -> int:
         try:
             kernel = wanted.get(timeout=IDLE_S)
         except Empty:
-            return 0
+            os._exit(0)  # the thread that hears holds the input's lock, and Python would end with an error
         try:
             done = _compiled(kernel)
         except Exception:  # where it is compiled next, the reason is told
@@ -141,5 +151,5 @@ def main() -> int:
         answers.flush()
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+if __name__ == "__main__":  # kernels know this module by its name
+    import_module("softsim_core.kernels.compile_process").main()

@@ -44,6 +44,8 @@ class _CompiledElsewhere(FunctionCache):
         found = super().load_overload(sig, target_context)
         if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
             found = super().load_overload(sig, target_context)
+            if found is None:  # a disk that is full keeps nothing
+                compile_process.compile_here()
         return found
 
 

@@ -163,6 +163,48 @@ def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: Module
     assert asks.returncode == -signal.SIGKILL
 
 
+def test_where_nothing_is_kept_it_is_tried_once(
+    importable: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a disk that is full: compiled elsewhere, and not found."""
+    from softsim_core.kernels import dispatchers
+
+    asked: list[Wanted] = []
+
+    def compile_for_nothing(wanted: Wanted) -> bool:
+        asked.append(wanted)
+        return True
+
+    mine = CompileProcess()
+    monkeypatch.setattr(dispatchers, "compile_process", mine)
+    monkeypatch.setattr(mine, "_answer", compile_for_nothing)
+    values = np.ones(2)
+    importable.twice(values)
+    importable.four_times(values)
+    assert values.tolist() == [8.0, 8.0]
+    assert [each.name for each in asked] == ["twice"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_has_a_process_of_its_own(importable: ModuleType) -> None:
+    code = (
+        "import os\n"
+        "import numpy as np\n"
+        "import kernels_there\n"
+        "kernels_there.twice(np.ones(2))\n"
+        "forked = os.fork()\n"
+        "kernels_there.four_times(np.ones(2))\n"
+        "print(sum(kernels_there.four_times.for_python.stats.cache_misses.values()), flush=True)\n"
+        "if forked:\n"
+        "    assert os.waitpid(forked, 0)[1] == 0\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.split() == ["0", "0"], run.stderr
+
+
 def test_without_compiling_they_are_plain_python(
     kernels: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
