@@ -108,6 +108,7 @@ def test_what_is_missing_in_the_cache_another_process_compiles(importable: Modul
     assert not importable.twice.overloads
 
 
+@pytest.mark.slow
 def test_a_process_that_compiles_may_die(importable: ModuleType) -> None:
     process = CompileProcess()
     try:
@@ -121,6 +122,7 @@ def test_a_process_that_compiles_may_die(importable: ModuleType) -> None:
         process.close()
 
 
+@pytest.mark.slow
 def test_what_another_process_cannot_compile_this_one_tells_of(importable: ModuleType) -> None:
     from numba.core.errors import TypingError
 
@@ -143,6 +145,7 @@ def wanted(name: str, of: type) -> Wanted:
     return Wanted("kernels_there", name, (types.unicode_type if of is str else float64[::1],))
 
 
+@pytest.mark.slow
 def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: ModuleType) -> None:
     """However that ends; long before it would end by itself."""
     code = (
@@ -185,6 +188,7 @@ def test_where_nothing_is_kept_it_is_tried_once(
     assert [each.name for each in asked] == ["twice"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_has_a_process_of_its_own(importable: ModuleType) -> None:
     code = (
