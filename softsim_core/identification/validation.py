@@ -18,8 +18,8 @@ from softsim_core.identification.replay import Order, Prediction, replay
 from softsim_core.identification.ringing import Ringing, ringing
 from softsim_core.identification.session import Session
 from softsim_core.scene import load_scene
+from softsim_core.scene.plain import sourced
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import sourced
 from softsim_core.scene.yaml_source import merge
 
 SCALE_APART = 8.0

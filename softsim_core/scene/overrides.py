@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from softsim_core.scene.structure import sourced
+from softsim_core.scene.plain import sourced
 from softsim_core.scene.yaml_source import merge, parse_yaml
 
 ORIGIN = Path("overrides")

@@ -10,8 +10,9 @@ from typing import Any
 from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
 from softsim_core.errors import ConfigError
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import structure_scene, unstructure_scene
+from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.yaml_source import SourcedMapping, parse_yaml
 
 ORIGIN = Path("scene")

@@ -15,9 +15,10 @@ from typing import Any
 
 from softsim_core.errors import ConfigError, SceneError, SoftSimError
 from softsim_core.scene.moved import new_place
+from softsim_core.scene.plain import sourced, unstructure_scene
 from softsim_core.scene.robot import Controller, RobotDescription
 from softsim_core.scene.scene import Scene
-from softsim_core.scene.structure import sourced, structure_scene, unstructure_scene
+from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.yaml_source import merge
 
 

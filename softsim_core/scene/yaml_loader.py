@@ -11,8 +11,9 @@ from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.arm.description import ArmDescription, ToolDescription
 from softsim_core.scene.arm.mounting import arm_with_tools
 from softsim_core.scene.files import find_config
+from softsim_core.scene.plain import sourced, unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import sourced, structure_scene, structured, unstructure_scene
+from softsim_core.scene.structure import structure_scene, structured
 from softsim_core.scene.yaml_source import (
     SourcedMapping,
     extended,

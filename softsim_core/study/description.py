@@ -16,7 +16,8 @@ from softsim_core.identification.distribution import (
 )
 from softsim_core.identification.expressions import names_in
 from softsim_core.scene.overrides import laid_over
-from softsim_core.scene.structure import sourced, structured
+from softsim_core.scene.plain import sourced
+from softsim_core.scene.structure import structured
 from softsim_core.scene.yaml_source import SourcedMapping, read_extended, relative_to_file
 from softsim_core.values import FieldError, need_finite, need_positive
 

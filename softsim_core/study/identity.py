@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import unstructure_scene
 
 PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
 """Whose versions may change a bit of a result."""

@@ -14,7 +14,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError
 from softsim_core.scene.catalog import code_folder, code_may_run
 from softsim_core.scene.files import find_config
-from softsim_core.scene.structure import sourced
+from softsim_core.scene.plain import sourced
 from softsim_core.scene.yaml_source import relative_to_file
 from softsim_core.simulation import Simulation
 from softsim_core.study.description import StudyDescription, find_study, load_study

@@ -17,7 +17,8 @@ from softsim_core import load_scene
 from softsim_core.errors import CommandError, ConfigError, SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.board import BusServo
-from softsim_core.scene.structure import structure_scene, unstructure_scene
+from softsim_core.scene.plain import unstructure_scene
+from softsim_core.scene.structure import structure_scene
 from softsim_ros.cli import main as softsim
 
 ROBOT = """\

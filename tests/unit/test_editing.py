@@ -29,8 +29,8 @@ from softsim_core.errors import ConfigError, SoftSimError
 from softsim_core.mechanics.model import FIXED
 from softsim_core.scene.files import config_file, known_scenes
 from softsim_core.scene.overrides import Item
+from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import unstructure_scene
 from softsim_core.scene.yaml_source import parse_yaml
 from softsim_core.simulation import Simulation
 from softsim_core.values import Box, Sphere

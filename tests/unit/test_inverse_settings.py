@@ -10,7 +10,8 @@ import pytest
 from softsim_core import load_scene
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.structure import structure_scene, unstructure_scene
+from softsim_core.scene.plain import unstructure_scene
+from softsim_core.scene.structure import structure_scene
 
 
 def test_the_tripod_has_its_own() -> None:

@@ -24,8 +24,9 @@ from softsim_core.scene.description import (
 )
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.overrides import read_overrides
+from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.structure import structure_scene, unstructure_scene
+from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.view import ViewSettings
 from softsim_core.scene.yaml_source import SourcedMapping, key_path, read_yaml
 from softsim_core.values import Box, MeshFile, Placement, Sphere
@@ -326,9 +327,9 @@ def test_overrides_are_laid_over_and_named_in_mistakes(write: Write) -> None:
 def test_a_missing_package_is_one_sentence(
     write: Write, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
-    from softsim_core.scene import structure
+    from softsim_core.scene.converter import scene_converter
 
-    structure._converter.cache_clear()
+    scene_converter.cache_clear()
     monkeypatch.setitem(sys.modules, missing, None)
     problem = refusal(write(MINIMAL)).problem
     assert "pip install" in problem

@@ -1,0 +1,212 @@
+"""How the types of descriptions are made of plain data: cattrs dispatches, what is below it is strict.
+
+It is imported on first use: the core works without it.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.actuation.registry import described_kinds
+from softsim_core.errors import listing
+from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.board import BusServo, ServoCalibration
+from softsim_core.scene.description import JointDescription, Threads
+from softsim_core.scene.file_keys import beside, is_absent, keys_of
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.material_keys import material_structure
+from softsim_core.scene.sensor_keys import sensor_structure
+from softsim_core.scene.values_of_keys import (
+    Hook,
+    RefusedError,
+    as_boolean,
+    as_instance,
+    as_number,
+    as_one_of,
+    as_path,
+    as_text,
+    as_threads,
+    as_whole_number,
+    refuse_unknown,
+    shown,
+)
+from softsim_core.scene.yaml_source import SourcedMapping, relative_to_file
+from softsim_core.sensing.description import SimulatedSensorDescription
+from softsim_core.values import MeshFile, Vector
+
+
+@functools.lru_cache(maxsize=2)
+def scene_converter(find_files: bool) -> Any:
+    """The converter of cattrs.
+
+    Args:
+        find_files: Look for the files that are named; else their paths stay as they are written.
+
+    Raises:
+        ImportError: there is no cattrs, or an old one.
+    """
+    cattrs = importlib.import_module("cattrs")
+    gen = importlib.import_module("cattrs.gen")
+    converter = cattrs.Converter(detailed_validation=True)
+
+    def collected(pairs: list[tuple[str | int, Any, Any]], owner: Any) -> list[Any]:
+        results = []
+        for index, value, item_type in pairs:
+            try:
+                results.append(converter.structure(value, item_type))
+            except Exception as error:
+                note = cattrs.IterableValidationNote(f"item {index}", index, item_type)
+                error.__notes__ = [*getattr(error, "__notes__", []), note]
+                raise cattrs.IterableValidationError(f"item {index}", [error], owner) from None
+        return results
+
+    def tuple_hook(owner: Any) -> Hook:
+        args = typing.get_args(owner)
+        length = None if args[-1] is Ellipsis else len(args)
+
+        def structure(value: Any, _: Any) -> tuple[Any, ...]:
+            if not isinstance(value, list | tuple) or length not in (None, len(value)):
+                kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
+                raise RefusedError(f"must be {kind}, not {shown(value)}")
+            items = [args[0]] * len(value) if length is None else args
+            return tuple(
+                collected([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
+            )
+
+        return structure
+
+    def dict_hook(owner: Any) -> Hook:
+        item_type = typing.get_args(owner)[1]
+
+        def structure(value: Any, _: Any) -> dict[str, Any]:
+            if not isinstance(value, Mapping):
+                raise RefusedError(f"must be a mapping of `name: value`, not {shown(value)}")
+            items = collected([(key, item, item_type) for key, item in value.items()], owner)
+            return dict(zip(value, items, strict=True))
+
+        return structure
+
+    def dataclass_hook(cls: Any) -> Hook:
+        known, inner = keys_of(cls), beside(cls)
+        omitted = {each.name: gen.override(omit=True) for each in fields(cls) if is_absent(each)}
+        build = gen.make_dict_structure_fn(cls, converter, **omitted)
+
+        def structure(value: Any, _: Any) -> Any:
+            if not isinstance(value, Mapping):
+                raise RefusedError(f"must be a mapping with keys among {listing(known)}, not {shown(value)}")
+            refuse_unknown(value, list(known))
+            given = dict(value)
+            for name, part in inner.items():
+                given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}
+            built = build(given, cls)
+            if not find_files:
+                return built
+            if cls is MeshFile:
+                return replace(built, file=_located(built.file, "file", value, "mesh file"))
+            if issubclass(cls, ActuatorDescription):
+                paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
+                what = {name: f"file of {cls.kind} {name}" for name in paths}
+                located = {name: _located(getattr(built, name), name, value, what[name]) for name in paths}
+                return replace(built, **located)
+            return built
+
+        return structure
+
+    def joint_hook(cls: Any) -> Hook:
+        """A joint; the description of its actuator stands under the key named after its kind."""
+        plain = dataclass_hook(cls)
+
+        def structure(value: Any, _: Any) -> Any:
+            described = described_kinds()
+            if not isinstance(value, Mapping):
+                return plain(value, cls)
+            keys = [*(each.name for each in fields(cls) if each.name != "actuator"), *described]
+            refuse_unknown(value, keys)
+            data = SourcedMapping({key: each for key, each in value.items() if key not in described}, None)
+            for key in data:
+                data.put(key, data[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
+            for kind, description in described.items():
+                if value.get(kind) is not None:
+                    try:
+                        data["actuator"] = converter.structure(value[kind], description)
+                    except Exception as error:
+                        note = cattrs.AttributeValidationNote(f"key {kind}", kind, description)
+                        error.__notes__ = [*getattr(error, "__notes__", []), note]
+                        raise cattrs.ClassValidationError(f"key {kind}", [error], cls) from None
+            return plain(data, cls)
+
+        return structure
+
+    for cls, hook in (
+        (float, as_number),
+        (int, as_whole_number),
+        (bool, as_boolean),
+        (str, as_text),
+        (Path, as_path),
+    ):
+        converter.register_structure_hook(cls, hook)
+    converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
+    converter.register_structure_hook_factory(lambda cls: cls is JointDescription, joint_hook)
+    converter.register_structure_hook_func(
+        lambda cls: cls is SimulatedSensorDescription, sensor_structure(converter.structure)
+    )
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {ActuatorDescription, type(None)}, lambda value, _: value
+    )
+    converter.register_structure_hook(TetMesh, as_instance)
+    converter.register_structure_hook(MaterialDescription, material_structure)
+    for origin, factory in ((tuple, tuple_hook), (dict, dict_hook), (Literal, as_one_of)):
+        converter.register_structure_hook_factory(functools.partial(_has_origin, origin), factory)
+
+    def mesh_or_file(value: Any, _: Any) -> Any:
+        return value if value is None or isinstance(value, TetMesh) else converter.structure(value, MeshFile)
+
+    def points_or_file(value: Any, _: Any) -> Any:
+        return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
+
+    def servo(value: Any, _: Any) -> Any:
+        """A servo with an id is on a bus."""
+        on_bus = isinstance(value, Mapping) and "id" in value
+        return converter.structure(value, BusServo if on_bus else ServoCalibration)
+
+    converter.register_structure_hook_func(lambda t: t == Threads, as_threads)
+    converter.register_structure_hook_func(lambda t: _members(t) == {ServoCalibration, BusServo}, servo)
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {MeshFile, TetMesh, type(None)}, mesh_or_file
+    )
+    converter.register_structure_hook_func(
+        lambda t: _members(t) == {tuple[Vector, ...], Path}, points_or_file
+    )
+    return converter
+
+
+def _has_origin(origin: Any, annotation: Any) -> bool:
+    return typing.get_origin(annotation) is origin
+
+
+def _members(union: Any) -> set[Any]:
+    return (
+        set(typing.get_args(union)) if typing.get_origin(union) in (typing.Union, types.UnionType) else set()
+    )
+
+
+def _noun(item_type: Any) -> str:
+    return "numbers" if item_type in (float, int) else "items"
+
+
+def _located(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
+    """Absolute path of an existing file that `key` of a mapping names."""
+    origin = data.file_of(key) if isinstance(data, SourcedMapping) else None
+    file = relative_to_file(path, origin)
+    if not file.is_file():
+        note = "" if path.is_absolute() else f" ({path} is relative to {origin or 'the working directory'})"
+        raise RefusedError(f"no such {what} {file}{note}", (key,))
+    return file
