@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 
-from softsim_core.errors import SoftSimError
+from softsim_core import SoftSimError
 from softsim_ros.client.session import connect
 
 

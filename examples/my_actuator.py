@@ -10,16 +10,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core import Simulation, load_scene
-from softsim_core.actuation import Actuator, ActuatorDescription, register_actuator
-from softsim_core.actuation.line import line_stiffness
-from softsim_core.mesh import box_mesh
-from softsim_core.scene import description as sd
-from softsim_core.values import Box, Vector
+import softsim_core as soft
+from softsim_core.values import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticTendonDescription(ActuatorDescription):  # its fields are the keys of a scene file
+class ElasticTendonDescription(soft.ActuatorDescription):  # its fields are the keys of a scene file
     kind: ClassVar[str] = "elastic_tendon"
     body: str
     point: Vector  # in [m]
@@ -30,7 +26,7 @@ class ElasticTendonDescription(ActuatorDescription):  # its fields are the keys 
         return {"body": self.body}
 
 
-class ElasticTendon(Actuator):
+class ElasticTendon(soft.Actuator):
     def __init__(self, placed, surroundings):
         tendon = placed.description
         bound = surroundings.bind(f"tendon {placed.name}", tendon.body, np.array([tendon.point]))
@@ -52,25 +48,25 @@ class ElasticTendon(Actuator):
         return 0.0, np.inf  # it pulls, and hangs slack where it would have to push
 
     def geometric_stiffness(self, model, state, multiplier):
-        return line_stiffness(self.place, self.weights, self.way(state), multiplier)
+        return soft.line_stiffness(self.place, self.weights, self.way(state), multiplier)
 
 
-register_actuator(ElasticTendonDescription, ElasticTendon)
+soft.register_actuator(ElasticTendonDescription, ElasticTendon)
 
 
 def create_scene(scene):
-    bar = box_mesh((0.1, 0.02, 0.02), (10, 2, 2), (0.0, -0.01, -0.01))
-    rubber = sd.MaterialDescription(young_modulus=1e5, poisson_ratio=0.0)
+    bar = soft.box_mesh((0.1, 0.02, 0.02), (10, 2, 2), (0.0, -0.01, -0.01))
+    rubber = soft.MaterialDescription(young_modulus=1e5, poisson_ratio=0.0)
     scene.gravity = (0.0, 0.0, 0.0)
-    scene.add(sd.BodyDescription(name="bar", mesh=bar, material=rubber, total_mass=0.04))
+    scene.add(soft.BodyDescription(name="bar", mesh=bar, material=rubber, total_mass=0.04))
     for name, to, x in (("wall", "world", 0.0), ("tip", "free", 0.1)):
-        end = Box(center=(x, 0.0, 0.0), size=(1e-4, 1.0, 1.0))
-        scene.add(sd.AttachmentDescription(name=name, body="bar", to=to, box=end))
+        end = soft.Box(center=(x, 0.0, 0.0), size=(1e-4, 1.0, 1.0))
+        scene.add(soft.AttachmentDescription(name=name, body="bar", to=to, box=end))
     tendon = ElasticTendonDescription(body="bar", point=(0.1, 0, 0), winch=(0.2, 0, 0), stiffness=500.0)
-    scene.add(sd.JointDescription(name="winch", kind="elastic_tendon", actuator=tendon))
+    scene.add(soft.JointDescription(name="winch", kind="elastic_tendon", actuator=tendon))
 
 
 if __name__ == "__main__":
-    simulation = Simulation(load_scene(Path(__file__)))
+    simulation = soft.Simulation(soft.load_scene(Path(__file__)))
     state = simulation.equilibrium([0.01]).state  # the winch takes up 10 mm
     print(f"tip pulled by {1e3 * state.joint_positions[0]:.3f} mm, tension {state.joint_efforts[0]:.4f} N")

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core import Simulation
-from softsim_core.fem.elements import ElementData, element, register_element
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import (
+from softsim_core import (
     AttachmentDescription,
     BodyDescription,
+    Box,
+    MaterialDescription,
     SceneDescription,
+    Simulation,
     SolverSettings,
+    box_mesh,
 )
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.values import Box
+from softsim_core.fem.elements import ElementData, element, register_element
 
 INNER, OUTER = (5.0 - 5.0**0.5) / 20.0, (5.0 + 3.0 * 5.0**0.5) / 20.0
 """Coordinates of the four points that integrate quadratic functions (Keast 1986)."""

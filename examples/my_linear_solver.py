@@ -11,15 +11,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softsim_core import Simulation, load_scene
+import softsim_core as soft
 from softsim_core.arrays import Array
-from softsim_core.errors import FactorisationError
 from softsim_core.linalg.linear_solver import Pattern, Rows, spread_of
 from softsim_core.linalg.solvers import register_linear_solver
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import AttachmentDescription, BodyDescription, MaterialDescription
-from softsim_core.scene.scene import Scene
-from softsim_core.values import Box
 
 
 class DenseCholesky:
@@ -50,7 +45,7 @@ class DenseFactors:
             try:
                 self._inverse = np.linalg.inv(matrix)
             except np.linalg.LinAlgError as error:
-                raise FactorisationError("the matrix is singular") from error
+                raise soft.FactorisationError("the matrix is singular") from error
 
     def solve(self, right: Array) -> Array:
         """A^-1 B."""
@@ -62,17 +57,18 @@ class DenseFactors:
         return np.asarray(spread.T @ self.solve(spread))
 
 
-def create_scene(scene: Scene) -> None:
+def create_scene(scene: soft.Scene) -> None:
     """A beam that sags from a wall."""
     register_linear_solver(DenseCholesky())
     scene.solver = replace(scene.solver, linear_solver="dense_cholesky")
-    silicone = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
-    mesh, wall = box_mesh((0.1, 0.02, 0.02), (6, 2, 2)), Box(center=(0.0, 0.01, 0.01), size=(1e-4, 0.1, 0.1))
-    scene.add(BodyDescription(name="beam", mesh=mesh, material=silicone, total_mass=0.04))
-    scene.add(AttachmentDescription(name="held", body="beam", to="world", box=wall))
+    silicone = soft.MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
+    mesh = soft.box_mesh((0.1, 0.02, 0.02), (6, 2, 2))
+    wall = soft.Box(center=(0.0, 0.01, 0.01), size=(1e-4, 0.1, 0.1))
+    scene.add(soft.BodyDescription(name="beam", mesh=mesh, material=silicone, total_mass=0.04))
+    scene.add(soft.AttachmentDescription(name="held", body="beam", to="world", box=wall))
 
 
 if __name__ == "__main__":
-    simulation = Simulation(load_scene(__file__))
+    simulation = soft.Simulation(soft.load_scene(__file__))
     sag = simulation.model.rest - simulation.equilibrium([]).state.positions
     sys.stdout.write(f"the beam sags by {1e3 * sag[:, 2].max():.4f} mm\n")

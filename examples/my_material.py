@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.fem.materials import Material, MaterialParameter, register_material
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import (
+from softsim_core import (
     AttachmentDescription,
     BodyDescription,
+    Box,
+    MaterialDescription,
     SceneDescription,
+    Simulation,
     SolverSettings,
+    box_mesh,
 )
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.values import Box
+from softsim_core.arrays import Array
+from softsim_core.fem.materials import Material, MaterialParameter, register_material
 
 IDENTITY = np.eye(3)
 

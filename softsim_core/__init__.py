@@ -118,16 +118,12 @@ if TYPE_CHECKING:
     from softsim_core.scene import find_config, known_scenes, load_scene
     from softsim_core.scene.arm.description import ArmDescription, ToolDescription
     from softsim_core.scene.arm.mounting import arm_with_tools
+    from softsim_core.scene.attachment import AttachmentDescription
     from softsim_core.scene.board import BoardDescription, BusServo, ServoCalibration
     from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
-    from softsim_core.scene.description import (
-        AddedMassDescription,
-        AttachmentDescription,
-        BodyDescription,
-        JointDescription,
-        SceneDescription,
-        SolverSettings,
-    )
+    from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
+    from softsim_core.scene.description import SceneDescription
+    from softsim_core.scene.joint import JointDescription
     from softsim_core.scene.material import MaterialDescription
     from softsim_core.scene.material_region import MaterialRegionDescription
     from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
@@ -141,6 +137,7 @@ if TYPE_CHECKING:
     )
     from softsim_core.scene.running import RunningSimulation
     from softsim_core.scene.scene import Part, Scene, animated
+    from softsim_core.scene.solver_settings import SolverSettings
     from softsim_core.scene.view import Camera, Section, ViewSettings
     from softsim_core.sensing import (
         CableSensorDescription,
@@ -430,12 +427,12 @@ _NAMES = {
     "softsim_core.scene": "find_config known_scenes load_scene",
     "softsim_core.scene.arm.description": "ArmDescription ToolDescription",
     "softsim_core.scene.arm.mounting": "arm_with_tools",
+    "softsim_core.scene.attachment": "AttachmentDescription",
     "softsim_core.scene.board": "BoardDescription BusServo ServoCalibration",
     "softsim_core.scene.control": "CommandSettings InverseSettings KeyBinding StartAnimation",
-    "softsim_core.scene.description": (
-        "AddedMassDescription AttachmentDescription BodyDescription JointDescription SceneDescription "
-        "SolverSettings"
-    ),
+    "softsim_core.scene.deformable": "AddedMassDescription BodyDescription",
+    "softsim_core.scene.description": "SceneDescription",
+    "softsim_core.scene.joint": "JointDescription",
     "softsim_core.scene.material": "MaterialDescription",
     "softsim_core.scene.material_region": "MaterialRegionDescription",
     "softsim_core.scene.objects": "CollisionDescription RigidBodyDescription",
@@ -446,6 +443,7 @@ _NAMES = {
     ),
     "softsim_core.scene.running": "RunningSimulation",
     "softsim_core.scene.scene": "Part Scene animated",
+    "softsim_core.scene.solver_settings": "SolverSettings",
     "softsim_core.scene.view": "Camera Section ViewSettings",
     "softsim_core.sensing": (
         "CableSensorDescription ChamberSensorDescription ImuDescription MarkersDescription Scenery Seen "

@@ -20,12 +20,10 @@ from softsim_core.kernels import Compiler
 from softsim_core.kernels.compile_process import alone, compile_process
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.robot import RobotDescription

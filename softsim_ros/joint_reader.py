@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from softsim_core.arrays import Array
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_ros.qos import NEWEST_ONLY
 
 

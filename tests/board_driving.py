@@ -10,7 +10,8 @@ from servo_bridge.driver import ServoDriver
 from servo_bridge.protocols.frames import BoardFlags
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 PERIOD = 0.02

@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.inverse.controller import InverseController
+from softsim_core import InverseController, Pose, load_policy
 from softsim_core.learning.environments import RobotEnv
-from softsim_core.learning.policy import load_policy
 from softsim_core.learning.tasks import REACHED_M
-from softsim_core.mechanics.pose import Pose
 
 TASK = "TripodReach-v0"
 HERE = Path(__file__).parent

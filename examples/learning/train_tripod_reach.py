@@ -24,7 +24,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
-from softsim_core.learning.policy import policy_metadata
+from softsim_core import policy_metadata
 
 TASK = "TripodReach-v0"
 HERE = Path(__file__).parent

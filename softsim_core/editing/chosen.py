@@ -16,15 +16,13 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError, SoftSimError, listing
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import TetMesh
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.body import Body
 from softsim_core.scene.builder import chosen_nodes, rest_bodies
 from softsim_core.scene.contact_builder import triangles_in
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.regions import nodes_in
 
 

@@ -17,7 +17,7 @@ from softsim_core.identification.description import (
 from softsim_core.identification.files import DataSet
 from softsim_core.identification.readers import read_table
 from softsim_core.identification.table import Table
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import degrees
 from softsim_core.wrong_names import known_names

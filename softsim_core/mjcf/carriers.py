@@ -12,7 +12,7 @@ from softsim_core.arrays import Array
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import euler_of, rotation_exp
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import Colour
 from softsim_core.values import Placement, Vector
 

@@ -11,7 +11,7 @@ from softsim_core.actuation.cable.builder import cable_points
 from softsim_core.arrays import Array
 from softsim_core.mechanics.model import FIXED, FREE, Model
 from softsim_core.mjcf.elements import Draft, add, words
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 
 _FIRM = {"revolute": 1e3, "prismatic": 1e5}
 """Stiffness in [N m/rad] or [N/m] of servos that give way to nothing in a scene of ours."""

@@ -18,7 +18,8 @@ from softsim_core.mjcf.masks import masks
 from softsim_core.mjcf.reading import Told
 from softsim_core.mjcf.solids import add_rigid_bodies
 from softsim_core.scene.builder import BuiltScene, build
-from softsim_core.scene.description import BodyDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 
 ITERATIONS = 3000
 """Most iterations of MuJoCo's solve of a step; its own 100 leave soft bodies unsolved."""

@@ -13,7 +13,8 @@ from softsim_core.mesh import TetMesh
 from softsim_core.mesh.checks import tet_volumes
 from softsim_core.mjcf.carriers import Carrier, colour, placement
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.scene.description import AddedMassDescription, AttachmentDescription, BodyDescription
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
 from softsim_core.scene.material import MaterialDescription
 
 _EVEN = 1e-6

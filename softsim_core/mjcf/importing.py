@@ -17,7 +17,8 @@ from softsim_core.mjcf.reading import Loaded, Names, load_model
 from softsim_core.mjcf.remaining import remaining
 from softsim_core.mjcf.tendons import cables
 from softsim_core.mjcf.touching import collisions
-from softsim_core.scene.description import SceneDescription, SolverSettings
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.solver_settings import SolverSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mjcf.carriers import Carrier, vector
 from softsim_core.mjcf.flexes import SoftBody
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 
 _NEAR = 0.02
 """A point may lie so far outside a soft body, in diagonals of the box around it."""

@@ -10,7 +10,7 @@ from softsim_core.contact.settings import ContactSettings, PairFriction
 from softsim_core.mjcf.flexes import SoftBody
 from softsim_core.mjcf.geoms import RigidGeom
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import CollisionDescription
 
 _GAP_M = 1e-4

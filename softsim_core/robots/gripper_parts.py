@@ -14,8 +14,10 @@ from softsim_core.actuation.cable import CableDescription
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.placement import place
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import AttachmentDescription, BodyDescription, JointDescription
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.files import config_file
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, Colour, RigidBodyDescription
 from softsim_core.scene.scene import Part

@@ -15,12 +15,10 @@ from typing import Literal, TypeAlias
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.files import config_file
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import Controller
 from softsim_core.scene.running import RunningSimulation

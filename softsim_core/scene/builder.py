@@ -45,14 +45,11 @@ from softsim_core.mesh import (
 )
 from softsim_core.mesh.rods import RodMesh, node_triangles, rod_surface
 from softsim_core.scene.actuator_builder import actuators
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.body import Body
-from softsim_core.scene.description import (
-    AddedMassDescription,
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material_parts import material_parts
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements

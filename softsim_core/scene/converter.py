@@ -19,11 +19,12 @@ from softsim_core.actuation.registry import described_kinds
 from softsim_core.errors import listing
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene.board import BusServo, ServoCalibration
-from softsim_core.scene.description import JointDescription, Threads
 from softsim_core.scene.file_keys import beside, is_absent, keys_of
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.material_keys import material_structure
 from softsim_core.scene.sensor_keys import sensor_structure
+from softsim_core.scene.solver_settings import Threads
 from softsim_core.scene.values_of_keys import (
     Hook,
     RefusedError,

@@ -10,7 +10,7 @@ from softsim_core.arrays import IndexArray
 from softsim_core.errors import SceneError
 from softsim_core.mesh import TetMesh
 from softsim_core.scene.body import Body
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.material_region import MaterialRegionDescription
 from softsim_core.scene.regions import nodes_in

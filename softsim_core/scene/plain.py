@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.description import JointDescription
 from softsim_core.scene.file_keys import is_absent, is_beside
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.sensor_keys import KIND

@@ -15,7 +15,8 @@ from softsim_core.fem.mass import volume_shares
 from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
 from softsim_core.mesh.faces import boundary_faces
 from softsim_core.scene.body import Body
-from softsim_core.scene.description import BodyDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
 

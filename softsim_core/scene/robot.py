@@ -11,8 +11,9 @@ from typing import Any
 from softsim_core.errors import SceneError
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.file_keys import ABSENT, BESIDE
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
 from softsim_core.values import FieldError, need_finite

@@ -9,18 +9,16 @@ from typing import Any, TypeAlias
 from softsim_core.actuation.animation import Mode, check_animation, factor_at, is_over
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.errors import SceneError
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.robot import Controller, RobotDescription, need_namespace
 from softsim_core.scene.running import RunningSimulation
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.scene.view import ViewSettings
 from softsim_core.sensing.description import SimulatedSensorDescription
 from softsim_core.values import Vector

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import RotationLaw
 from softsim_core.scene.files import config_file
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.solver_settings import RotationLaw
 from softsim_core.values import MeshFile, Placement
 from softsim_ros.benchmark import touching
 

@@ -12,7 +12,7 @@ from softsim_core import Simulation
 from softsim_core.arrays import Array
 from softsim_core.dynamics import Backend
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import MeshFile, Placement
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 from softsim_core.errors import CommandError, listing
 from softsim_core.mechanics.limits import JointLimits, check_command
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import Unit
 from softsim_ros.client.state import RobotState, commandable, enforces_limits, held_positions, with_command

@@ -21,7 +21,9 @@ from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh.placement import rotation_matrix
-from softsim_core.scene.description import AttachmentDescription, JointDescription, SceneDescription
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement, Vector
 from softsim_ros.frames import BASE_LINK, EFFECTOR
 

@@ -18,7 +18,7 @@ from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import euler_of, rotation_euler
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import MeshFile
 from softsim_ros.description.links import Link, links_of, moved_link
 from softsim_ros.frames import BASE_LINK

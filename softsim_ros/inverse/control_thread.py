@@ -15,7 +15,7 @@ from softsim_core.errors import CommandError, SoftSimError
 from softsim_core.inverse.controller import InverseController, InverseReport
 from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_node.ending import ending
 from softsim_ros.inverse.following import Following, has_moved
 from softsim_ros.inverse.plant import Feedback, Plant

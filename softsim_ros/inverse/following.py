@@ -8,7 +8,7 @@ from typing import Final
 
 from softsim_core.arrays import Array
 from softsim_core.errors import listing
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_ros.inverse.plant import SILENT_AFTER_S, Plant, off_command
 
 STUCK_AFTER_S: Final = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 
 Feedback: TypeAlias = Literal["none", "effector_pose", "imu"]
 FEEDBACKS: Final[tuple[Feedback, ...]] = ("none", "effector_pose", "imu")

@@ -25,17 +25,11 @@ from softsim_core.editing.parts import routed_points
 from softsim_core.editing.round_trip import rebased
 from softsim_core.errors import SceneError, SoftSimError
 from softsim_core.scene.body import Body
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.portable import write_description
 from softsim_core.scene.robot import RobotDescription
 from softsim_node.sentences import one_line, sentence_of
-from softsim_ros.messages.proposal import (
-    MOST_POINTS,
-    ChosenPoints,
-    Proposal,
-    read_edits,
-    write_proposal,
-)
+from softsim_ros.messages.proposal import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
 from softsim_ros.qos import EVERY_ONE, LATCHED
 from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, reason
 from softsim_ros.simulator.scene_files import SceneFiles, files_of, named_files

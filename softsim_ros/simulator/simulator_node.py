@@ -23,7 +23,7 @@ from softsim_core.errors import SoftSimError, listing
 from softsim_core.scene import SceneCatalog
 from softsim_core.scene.body import Body
 from softsim_core.scene.catalog import folders_of
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_node.freed_memory import keep_freed_memory
 from softsim_node.help import Program
 from softsim_node.parameters import LiveParameters, ParameterError, declare

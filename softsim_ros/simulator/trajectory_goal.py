@@ -13,7 +13,7 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_ros.description.controllers import GOAL_TIME, GOAL_TOLERANCE
 from softsim_ros.simulator.commanded import Progress
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from softsim_core.scene.control import KeyBinding
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.units import ANGLE, LENGTH, MILLIMETRE, SHORTENING, Unit
 from softsim_ros.client.goals import format_point

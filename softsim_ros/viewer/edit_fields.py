@@ -14,7 +14,8 @@ from softsim_core.actuation.chamber.description import ChamberDescription
 from softsim_core.arrays import Array
 from softsim_core.editing import Edit, Put
 from softsim_core.editing.regions import Region, plain_masses, plain_vector, reshaped
-from softsim_core.scene.description import BodyDescription, JointDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.overrides import Item, Steps
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Box, Sphere

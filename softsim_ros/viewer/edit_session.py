@@ -23,7 +23,7 @@ from softsim_core.editing.parts import (
 )
 from softsim_core.editing.regions import Region, plain_vector, regions_of, reshaped
 from softsim_core.errors import CommandError, SceneError, SoftSimError
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.overrides import Item, read_overrides
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.values import Box, Sphere

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softsim_core.arrays import Array, BoolArray, IndexArray
-from softsim_core.scene.description import AttachmentDescription
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.view import ViewSettings
 from softsim_ros.viewer.shapes import box_lines, shrunk_faces, sphere_lines

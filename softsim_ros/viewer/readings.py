@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Sequence
 
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_ros.client.state import RobotState
 from softsim_ros.client.wishes import format_position
 from softsim_ros.viewer.surface import MM

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.units import Unit
 
 FINEST: Final = 1.0e-6

@@ -11,8 +11,10 @@ from softsim_core import Simulation
 from softsim_core.arrays import Array
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import BodyDescription, SceneDescription, SolverSettings
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Placement
 
 GRAVITY = 9.81

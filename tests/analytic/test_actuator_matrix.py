@@ -21,7 +21,8 @@ from softsim_core.dynamics.assembly import Unknowns, static_tangent
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"

@@ -12,7 +12,8 @@ from softsim_core import Simulation
 from softsim_core.dynamics import Backend
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 FLOATING = (0.0, 0.0, 0.0)

@@ -20,7 +20,9 @@ from softsim_core.errors import SceneError
 from softsim_core.mesh import TetMesh, box_mesh, quadratic
 from softsim_core.mesh.faces import boundary_faces, cavities, encloses
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription, JointDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 SIDE, CELL = 0.04, 0.01

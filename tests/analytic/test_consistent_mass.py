@@ -23,7 +23,7 @@ from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 
 DENSITY, LENGTH, EDGE, YOUNG = 1000.0, 0.2, 0.02, 1e6
 ORDERS = pytest.mark.parametrize("order", [1, 2])

@@ -16,7 +16,7 @@ from softsim_core.mechanics.pose import rotation_euler, rotation_of
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.mesh.shapes import Shape, box_surface
 from softsim_core.mesh.writers import write_surface
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.objects import RigidBodyDescription
 from softsim_core.values import MeshFile, Placement
 

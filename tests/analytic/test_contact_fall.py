@@ -15,7 +15,7 @@ from softsim_core import Simulation
 from softsim_core.mechanics.pose import rotation_of
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import AttachmentDescription
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.values import Box
 
 

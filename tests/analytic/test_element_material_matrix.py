@@ -34,7 +34,7 @@ from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import TetMesh, boundary, box_mesh, quadratic
 from softsim_core.scene.builder import BuiltScene, build
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 
 KNOWN_AT_START = element_names(), material_names()

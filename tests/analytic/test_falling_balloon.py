@@ -19,12 +19,10 @@ from softsim_core.arrays import Array
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.values import Sphere
 

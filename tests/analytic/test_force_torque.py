@@ -13,7 +13,8 @@ from softsim_core.arrays import Array
 from softsim_core.dynamics import Backend
 from softsim_core.mechanics.pose import rotation_euler, rotation_exp
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement
 
 DT = 0.005

@@ -15,7 +15,8 @@ from softsim_core.dynamics.actuator_statics import reduced_stiffness
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_euler, rotation_exp
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement
 
 SEED = np.random.default_rng(11)

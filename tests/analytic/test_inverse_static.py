@@ -14,7 +14,8 @@ from softsim_core.inverse.tasks import PositionTask, task_for
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 

@@ -15,7 +15,8 @@ from softsim_core.dynamics.statics import solve_static
 from softsim_core.mechanics.control import Control
 from softsim_core.mechanics.pose import rotation_exp, rotation_log, rotation_of
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.simulation.bases import SPEED
 from softsim_core.values import Placement
 

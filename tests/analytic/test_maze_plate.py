@@ -10,7 +10,7 @@ import pytest
 from softsim_core import Simulation, load_scene
 from softsim_core.inverse.tilts import tilt_rotation
 from softsim_core.mechanics.pose import rotation_of
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143

@@ -27,7 +27,9 @@ from softsim_core.fem.prony import (
 )
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import box_mesh, quadratic
-from softsim_core.scene.description import BodyDescription, JointDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 TERMS = ((0.3, 0.05), (0.2, 0.4))

@@ -13,7 +13,9 @@ from test_chambers import CELL, balloon, hollow, inflated
 from softsim_core import Simulation
 from softsim_core.actuation.chamber import ATMOSPHERE, ChamberDescription
 from softsim_core.errors import SceneError
-from softsim_core.scene.description import BodyDescription, JointDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 HOLLOW, HOSE = 8.0 * CELL**3, 2e-6

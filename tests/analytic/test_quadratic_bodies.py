@@ -22,8 +22,11 @@ from softsim_core.mechanics.model import FIXED
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import TetMesh, box_mesh, quadratic
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription, JointDescription, SceneDescription, SolverSettings
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Placement
 
 BEAM, CELLS, YOUNG = (0.1, 0.03, 0.03), (6, 2, 2), 263.8e3

@@ -12,14 +12,12 @@ from softsim_core.fem.cells import cell_energy, cell_forces, cell_stiffness
 from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh.generators import box_mesh
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.simulation import Simulation
 from softsim_core.values import Box
 

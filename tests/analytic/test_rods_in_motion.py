@@ -16,17 +16,14 @@ from softsim_core.errors import MaterialError, MeshError, SceneError
 from softsim_core.identification.ringing import ringing
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import (
-    AddedMassDescription,
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.scene.yaml_loader import load_yaml
 from softsim_core.simulation.simulation import Simulation
 from softsim_core.values import Box, Placement, Sphere, Vector

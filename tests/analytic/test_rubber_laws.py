@@ -27,7 +27,8 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription, JointDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 
 CONSTANTS = {

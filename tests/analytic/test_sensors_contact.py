@@ -13,7 +13,8 @@ from small_scenes import GRAVITY, body
 from softsim_core import Simulation
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import AttachmentDescription, SceneDescription
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.objects import RigidBodyDescription
 from softsim_core.sensing import TactileArrayDescription, WrenchSensorDescription
 from softsim_core.values import Box, Placement

@@ -13,7 +13,7 @@ from small_scenes import GRAVITY, machine, scene, shaken
 from softsim_core import Simulation
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.sensing import ImuDescription
 from softsim_core.values import Placement
 

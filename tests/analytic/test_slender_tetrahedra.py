@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from softsim_core.errors import SceneError
-from softsim_core.scene.description import (
-    AddedMassDescription,
-    AttachmentDescription,
-    BodyDescription,
-    SceneDescription,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
 from softsim_core.simulation.simulation import Simulation

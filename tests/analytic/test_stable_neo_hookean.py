@@ -20,7 +20,8 @@ from softsim_core.inverse.static import effector
 from softsim_core.mechanics.control import Control
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription, MaterialDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.material import MaterialDescription
 
 LAW = material("stable_neo_hookean")
 YOUNG, POISSON = 1e5, 0.4

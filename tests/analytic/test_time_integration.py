@@ -22,8 +22,9 @@ from softsim_core.mechanics.state import State
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import SceneDescription, SolverSettings
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Placement
 
 SMOOTH = "bossak"

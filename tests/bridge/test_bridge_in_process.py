@@ -19,7 +19,8 @@ from servo_bridge.transport import SerialTransport
 from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 ROBOT = RobotDescription(

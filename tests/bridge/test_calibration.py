@@ -28,7 +28,8 @@ from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 SERVOS = tuple(ServoCalibration(joint=name) for name in "ab")

@@ -15,7 +15,8 @@ from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 LIMITS = JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9)

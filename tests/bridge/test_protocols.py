@@ -34,7 +34,8 @@ from softsim_core.errors import CommandError, SceneError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.board import BoardDescription, BusServo, Servo, ServoCalibration
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]

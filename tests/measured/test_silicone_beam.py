@@ -17,7 +17,8 @@ from scipy.optimize import curve_fit
 from softsim_core import Simulation, load_scene
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
-from softsim_core.scene.description import AddedMassDescription, SceneDescription
+from softsim_core.scene.deformable import AddedMassDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.values import Box
 
 pytestmark = [pytest.mark.slow, pytest.mark.numba]

@@ -20,16 +20,14 @@ from softsim_core.mjcf.engine import MujocoRun
 from softsim_core.mjcf.exporting import export_mjcf
 from softsim_core.mjcf.folder import write_imported
 from softsim_core.mjcf.importing import import_mjcf
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.rod import RodDescription, RodSectionDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Box, Placement
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -15,8 +15,8 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.robots.parts import WheelSpring, elastic_body, tripod
 from softsim_core.scene import Scene, load_scene
 from softsim_core.scene.control import CommandSettings, StartAnimation
-from softsim_core.scene.description import SolverSettings
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import MeshFile, Placement
 
 SILICONE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))

@@ -12,14 +12,12 @@ from softsim_core import Simulation
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.dynamics import Backend
 from softsim_core.mechanics.limits import JointLimits
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Box, MeshFile, Placement, Vector
 
 MILLIMETRES = Placement(scale=1e-3)

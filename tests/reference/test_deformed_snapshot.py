@@ -18,8 +18,10 @@ from softsim_core.mechanics.model import FIXED, Model
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import read_tets
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription, SceneDescription, SolverSettings
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import MeshFile, Placement
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]

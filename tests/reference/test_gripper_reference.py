@@ -14,15 +14,13 @@ from softsim_core import Simulation, load_scene
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.mechanics.limits import JointLimits
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Box, MeshFile, Placement
 
 MILLIMETRES = Placement(scale=1e-3)

@@ -11,7 +11,8 @@ from reference_scenes import SILICONE_PLACEMENT, from_reference, full_tripod, he
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import AttachmentDescription, SceneDescription
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.regions import nodes_in
 
 pytestmark = pytest.mark.reference

@@ -12,7 +12,7 @@ from softsim_core.actuation import ActuatorDescription, actuator_kind, actuator_
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 
 
 def test_an_unknown_kind_is_refused_with_the_known_ones() -> None:

@@ -12,8 +12,9 @@ from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FIXED, FREE
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import box_mesh
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import AttachmentDescription, JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Sphere
 
 MESH = box_mesh((0.04, 0.01, 0.01), (4, 1, 1))

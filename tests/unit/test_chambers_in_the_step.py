@@ -14,12 +14,10 @@ from softsim_core.actuation.chamber import Chamber, ChamberDescription
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.values import Box, Placement

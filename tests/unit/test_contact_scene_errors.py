@@ -17,7 +17,8 @@ from softsim_core.errors import SoftSimError
 from softsim_core.mesh import SurfaceMesh, box_mesh
 from softsim_core.mesh.shapes import Shape, box_surface
 from softsim_core.mesh.writers import write_surface
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.values import MeshFile, Placement
 

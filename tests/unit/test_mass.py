@@ -15,7 +15,7 @@ from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 
 EDGE, DENSITY = 0.03, 1000.0

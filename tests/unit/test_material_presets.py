@@ -15,7 +15,7 @@ from softsim_core import Simulation, load_scene
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.fem.materials.elastomers import elastomer, elastomer_names
 from softsim_core.mesh import box_mesh
-from softsim_core.scene.description import BodyDescription
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.yaml_loader import load_yaml
 

@@ -10,8 +10,10 @@ from softsim_core import Simulation
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import JointDescription, SceneDescription, SolverSettings
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.values import Placement
 
 

@@ -12,7 +12,7 @@ import pytest
 from softsim_core.errors import CommandError, ConfigError, SceneError
 from softsim_core.mesh.types import TetMesh
 from softsim_core.scene import Part, Scene, load_python, load_scene
-from softsim_core.scene.description import JointDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.moved import MODULES
 from softsim_core.scene.scene import animated
 
@@ -47,7 +47,7 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
         tmp_path,
         """
         from beside import NAME
-        from softsim_core.scene.description import SolverSettings
+        from softsim_core.scene.solver_settings import SolverSettings
         from softsim_core.robots.parts import elastic_body, fixing_box, servo
 
         def create_scene(scene):

@@ -16,16 +16,14 @@ from hypothesis import strategies as st
 from softsim_core.errors import ConfigError
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import SceneDescription, load_scene, load_yaml
-from softsim_core.scene.description import (
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    SolverSettings,
-)
+from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.overrides import read_overrides
 from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.view import ViewSettings
 from softsim_core.scene.yaml_source import SourcedMapping, key_path, read_yaml

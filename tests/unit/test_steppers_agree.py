@@ -14,7 +14,8 @@ from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import TetMesh, box_mesh
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement
 
 pytest.importorskip("numba")

@@ -18,7 +18,8 @@ from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.state import State
 from softsim_core.mesh import box_mesh, quadratic
 from softsim_core.scene.builder import build
-from softsim_core.scene.description import JointDescription, SolverSettings
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.solver_settings import SolverSettings
 
 
 class Shearing:

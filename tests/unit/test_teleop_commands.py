@@ -15,7 +15,8 @@ from typed_keys import Typed, press
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.control import CommandSettings, KeyBinding
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.state import (
     STALE_AFTER_S,

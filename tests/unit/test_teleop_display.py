@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
-from softsim_core.scene.description import JointDescription, SceneDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.state import RobotState
 from softsim_ros.keys.press import KeyState

@@ -12,7 +12,8 @@ from softsim_core import Simulation
 from softsim_core.errors import CommandError, SceneError
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import BodyDescription, SceneDescription
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.objects import RigidBodyDescription
 from softsim_core.values import Placement

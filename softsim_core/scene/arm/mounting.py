@@ -13,10 +13,8 @@ from softsim_core.errors import SceneError
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.scene.arm.description import ArmDescription, ToolDescription
 from softsim_core.scene.arm.urdf_file import RigidRobot, UrdfJoint, read_urdf
-from softsim_core.scene.description import (
-    JointDescription,
-    SceneDescription,
-)
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.placed import Motion, placed
 from softsim_core.scene.robot import RobotDescription

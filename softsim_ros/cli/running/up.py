@@ -73,6 +73,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run until a key quits or Ctrl-C or SIGTERM comes; the servos end in the safe pose."""
+    import rclpy  # noqa: F401  # where there is none, that is told before anything starts
+
     from softsim_core.scene import load_scene
     from softsim_node import discovery
     from softsim_ros.cli.running.one_at_a_time import only_one

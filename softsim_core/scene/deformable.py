@@ -1,0 +1,181 @@
+"""A deformable body as a file describes it: shape, material, mass; typed, SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+from softsim_core.errors import SceneError, listing
+from softsim_core.fem.elements import element
+from softsim_core.fem.materials.section import SECTION
+from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.attachment import need_one_region
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.material_region import MaterialRegionDescription
+from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
+from softsim_core.scene.rod import RodDescription, RodEnd
+from softsim_core.values import (
+    DIRECTION,
+    Box,
+    FieldError,
+    MeshFile,
+    Sphere,
+    Vector,
+    need_finite,
+    need_positive,
+)
+
+MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedMassDescription:
+    """Mass that the nodes of a region carry beside their body's, spread evenly: a load, a sensor, a nut.
+
+    Attributes:
+        mass: In [kg], > 0.
+        box, sphere: The region; nodes are chosen once, on the rest shape.
+        end: Or that end of a rod.
+        group: Or the name of a group of the mesh's file (a physical group of Gmsh). Exactly one of the four.
+    """
+
+    mass: float
+    box: Box | None = None
+    sphere: Sphere | None = None
+    end: RodEnd | None = None
+    group: str | None = None
+
+    def __post_init__(self) -> None:
+        need_positive("added mass", "mass", self.mass, "kg")
+        need_one_region("added mass", self.box, self.sphere, self.end, self.group)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyDescription:
+    """A deformable body.
+
+    Attributes:
+        name: Unique name.
+        mesh: Tetrahedra: a file, or arrays in [m]; or give `rod`.
+        rod: A slender body; or give `mesh`. It has no layers, fibres, surface of its own or order, and the
+            law `rod`, or with an `element` of tetrahedra another one.
+        material: Law and parameters.
+        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. Where neither is given, that of the
+            material's preset, if it is known.
+        total_mass: Mass in [kg], > 0; or give `density`.
+        mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
+            nodes. "consistent": it moves as the shape functions say, so the inertia of a body with straight
+            edges is exact. "equal": every node has the same, as in the reference simulator, which makes the
+            inertia of coarse meshes much too large.
+        added_masses: What parts of it carry.
+        layers: Thin sheets on its faces.
+        fibres: What runs through it and carries tension only.
+        regions: Parts of it that are made of something else.
+        velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
+        surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
+        colour: Red, green, blue, alpha in 0..1, for pictures only.
+        order: 2 puts a node on each edge of a linear mesh, 1 leaves those of a quadratic one out; None: as
+            the mesh is.
+        element: Name of the element that its cells are, see fem.elements, with as many nodes as they have;
+            None: tet4 or tet10, or of a rod sections along it. With tet4 or tet10 the rod is a strip of
+            tetrahedra of the same shape.
+    """
+
+    name: str
+    mesh: MeshFile | TetMesh | None = None
+    rod: RodDescription | None = None
+    material: MaterialDescription
+    density: float | None = None
+    total_mass: float | None = None
+    mass_distribution: MassDistribution = "volume"
+    added_masses: tuple[AddedMassDescription, ...] = ()
+    layers: tuple[LayerDescription, ...] = ()
+    fibres: tuple[FibresDescription, ...] = ()
+    regions: tuple[MaterialRegionDescription, ...] = ()
+    velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
+    surface: MeshFile | None = None
+    colour: tuple[float, float, float, float] = (0.9, 0.9, 0.9, 1.0)
+    order: Literal[1, 2] | None = None
+    element: str | None = None
+
+    def __post_init__(self) -> None:
+        need_finite(f"body {self.name}", "velocity", self.velocity)
+        self._check_rod()
+        if self.density is None and self.total_mass is None:
+            object.__setattr__(self, "density", self.material.known_density)
+        if (self.density is None) == (self.total_mass is None):
+            given = "neither" if self.density is None else "both"
+            raise SceneError(
+                f"body {self.name}: give exactly one of `density` in kg/m^3 and `total_mass` in kg, "
+                f"not {given}"
+            )
+        if self.density is not None:
+            need_positive(f"body {self.name}", "density", self.density, "kg/m^3")
+        if self.total_mass is not None:
+            need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
+        if not all(0.0 <= channel <= 1.0 for channel in self.colour):
+            raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
+        names = [each.name for each in self.parts]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise SceneError(
+                f"body {self.name}: layers, fibres and regions share the name {min(twice)}; rename one"
+            )
+
+    def _check_rod(self) -> None:
+        owner = f"body {self.name}"
+        if (self.mesh is None) == (self.rod is None):
+            raise SceneError(f"{owner}: give exactly one of mesh and rod")
+        if self.rod is None:
+            if any(added.end is not None for added in self.added_masses):
+                raise SceneError(f"{owner}: only a rod has an end; give the added mass a box or a sphere")
+            if self.material.law == SECTION.name:
+                raise SceneError(
+                    f"{owner}: the law {SECTION.name} is for rods; choose another one, or give a rod"
+                )
+            return
+        if self.element is None:
+            self._check_sections(owner)
+        else:
+            self._check_tetrahedra_of_rod(owner, self.rod, self.element)
+        for name in ("layers", "fibres", "regions", "surface", "order"):
+            if getattr(self, name):
+                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
+
+    def _check_sections(self, owner: str) -> None:
+        if self.material.law is None and not self.material.terms:
+            object.__setattr__(self, "material", self.material.of_law(SECTION.name))
+        if self.material.law != SECTION.name or self.material.terms:
+            law = f"{self.material.law} with Prony terms" if self.material.terms else self.material.law
+            raise SceneError(
+                f"{owner}: a rod has the law {SECTION.name}, not {law}; remove `law` and `prony`, or make it "
+                "of tetrahedra by `element: tet10`"
+            )
+
+    def _check_tetrahedra_of_rod(self, owner: str, rod: RodDescription, cell: str) -> None:
+        if len(element(cell).reference) not in (4, 10):
+            raise SceneError(f"{owner}: a rod is not made of the element {cell}; take tet4 or tet10, or none")
+        if self.material.law == SECTION.name:
+            raise SceneError(
+                f"{owner}: the law {SECTION.name} is for sections, and `element` makes tetrahedra of it; "
+                "choose another law, or remove `element`"
+            )
+        if beyond := rod.beyond_tetrahedra:
+            raise SceneError(
+                f"{owner}: a rod of tetrahedra is a solid rectangle, straight or as drawn, without clamps "
+                f"that give way; remove {listing(beyond)} or `element`"
+            )
+
+    @property
+    def is_rod(self) -> bool:
+        """Whether it is made of cross-sections, not of tetrahedra."""
+        return self.rod is not None and self.element is None
+
+    @property
+    def reinforcements(self) -> tuple[LayerDescription | FibresDescription, ...]:
+        """Its layers, then its fibres."""
+        return (*self.layers, *self.fibres)
+
+    @property
+    def parts(self) -> tuple[LayerDescription | FibresDescription | MaterialRegionDescription, ...]:
+        """What of it has parameters of its own: layers, fibres, regions."""
+        return (*self.reinforcements, *self.regions)

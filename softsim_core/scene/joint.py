@@ -1,0 +1,96 @@
+"""A joint as a file describes it: what it moves or which actuator it commands; typed, SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from softsim_core.actuation.building import ActuatorDescription
+from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
+from softsim_core.errors import SceneError
+from softsim_core.mechanics.limits import JointLimits
+from softsim_core.units import ANGLE, LENGTH, JointUnits
+from softsim_core.values import FieldError, Placement, Vector, need_finite, need_positive, need_unit
+from softsim_core.wrong_names import one_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointDescription:
+    """One scalar degree of freedom between a base frame and the frame it moves.
+
+    Attributes:
+        name: Unique name; the order of joints in the scene is the order of commands.
+        kind: revolute ([rad] about `axis`), prismatic ([m] along `axis`), or the name of a kind of actuator,
+            such as cable ([m] by which it is shortened).
+        actuator: The description of that actuator, in files under the key named after its kind; its joint has
+            no frame and no axis.
+        parent: Name of a joint before it in the list that carries this joint's base; chains of any length.
+        base: Base frame in the world, the parent at rest (its scale is not used).
+        axis: Unit axis in the base frame, through its origin.
+        limits: Position interval and top speed.
+        rest: Position at which the scene is built, in [rad] or [m].
+        stiffness: None: the joint is exactly where it is commanded (a prescribed unknown; its reaction is the
+            holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it there.
+        inertia: Generalised inertia in [kg m^2] or [kg] of a joint with stiffness.
+        slide_axis: Direction in the base frame in which the start move shifts the base, in simulation only.
+        horn_length: Length in [m] of the servo arm, for pictures only.
+    """
+
+    name: str
+    kind: str = "revolute"
+    actuator: ActuatorDescription | None = None
+    parent: str | None = None
+    base: Placement = Placement()
+    axis: Vector = (0.0, 1.0, 0.0)
+    limits: JointLimits = JointLimits()
+    rest: float = 0.0
+    stiffness: float | None = None
+    inertia: float = 0.0
+    slide_axis: Vector = (1.0, 0.0, 0.0)
+    horn_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        owner = f"joint {self.name}"
+        need_unit(owner, "axis", self.axis)
+        need_unit(owner, "slide_axis", self.slide_axis)
+        need_finite(owner, "rest", (self.rest,))
+        if self.stiffness is not None:
+            need_positive(owner, "stiffness", self.stiffness, "(or absent)")
+        for field_name, value in (("inertia", self.inertia), ("horn_length", self.horn_length)):
+            if not 0.0 <= value < math.inf:
+                raise FieldError(owner, field_name, value, ">= 0")
+        if self.moves_frame and self.actuator is not None:
+            kind = self.actuator.kind
+            raise SceneError(f"{owner}: `{kind}` and kind = {kind} belong together; give both or neither")
+        if not self.moves_frame:
+            self._check_actuator(owner)
+
+    def _check_actuator(self, owner: str) -> None:
+        described = described_kinds()
+        if self.kind not in described:
+            raise FieldError(owner, "kind", repr(self.kind), one_of(self.kind, (*FRAME_KINDS, *described)))
+        if not isinstance(self.actuator, described[self.kind]):
+            raise SceneError(
+                f"{owner}: `{self.kind}` and kind = {self.kind} belong together; give both or neither"
+            )
+        if self.stiffness is not None or self.parent is not None:
+            raise SceneError(
+                f"{owner}: a joint of kind {self.kind} takes no stiffness and no parent; remove them"
+            )
+
+    @property
+    def by_effort(self) -> bool:
+        """Whether commands are its effort, such as the pressure of a chamber, not where it shall be."""
+        return self.actuator is not None and self.actuator.by_effort
+
+    @property
+    def units(self) -> JointUnits:
+        """What its command, position and effort are told in."""
+        if self.actuator is not None:
+            return self.actuator.units
+        return JointUnits(ANGLE, ANGLE, "N·m") if self.kind == "revolute" else JointUnits(LENGTH, LENGTH, "N")
+
+    @property
+    def moves_frame(self) -> bool:
+        """Whether it is a revolute or a prismatic joint, not an actuator's."""
+        return self.kind in FRAME_KINDS
