@@ -27,7 +27,7 @@ from softsim_core.scene.sensor_keys import sensor_structure
 from softsim_core.scene.solver_settings import Threads
 from softsim_core.scene.values_of_keys import (
     Hook,
-    RefusedError,
+    RefusedValue,
     as_boolean,
     as_instance,
     as_number,
@@ -76,7 +76,7 @@ def scene_converter(find_files: bool) -> Any:
         def structure(value: Any, _: Any) -> tuple[Any, ...]:
             if not isinstance(value, list | tuple) or length not in (None, len(value)):
                 kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
-                raise RefusedError(f"must be {kind}, not {shown(value)}")
+                raise RefusedValue(f"must be {kind}, not {shown(value)}")
             items = [args[0]] * len(value) if length is None else args
             return tuple(
                 collected([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
@@ -89,7 +89,7 @@ def scene_converter(find_files: bool) -> Any:
 
         def structure(value: Any, _: Any) -> dict[str, Any]:
             if not isinstance(value, Mapping):
-                raise RefusedError(f"must be a mapping of `name: value`, not {shown(value)}")
+                raise RefusedValue(f"must be a mapping of `name: value`, not {shown(value)}")
             items = collected([(key, item, item_type) for key, item in value.items()], owner)
             return dict(zip(value, items, strict=True))
 
@@ -102,7 +102,7 @@ def scene_converter(find_files: bool) -> Any:
 
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
-                raise RefusedError(f"must be a mapping with keys among {listing(known)}, not {shown(value)}")
+                raise RefusedValue(f"must be a mapping with keys among {listing(known)}, not {shown(value)}")
             refuse_unknown(value, list(known))
             given = dict(value)
             for name, part in inner.items():
@@ -209,5 +209,5 @@ def _located(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
     file = relative_to_file(path, origin)
     if not file.is_file():
         note = "" if path.is_absolute() else f" ({path} is relative to {origin or 'the working directory'})"
-        raise RefusedError(f"no such {what} {file}{note}", (key,))
+        raise RefusedValue(f"no such {what} {file}{note}", (key,))
     return file

@@ -13,7 +13,7 @@ from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.converter import scene_converter
 from softsim_core.scene.file_keys import beside
 from softsim_core.scene.robot import RobotDescription, need_namespace
-from softsim_core.scene.values_of_keys import RefusedError
+from softsim_core.scene.values_of_keys import RefusedValue
 from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path
 from softsim_core.values import FieldError
 
@@ -84,7 +84,7 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
                     path.append(last)
             continue
         break
-    if isinstance(error, RefusedError):
+    if isinstance(error, RefusedValue):
         return (*path, *error.below), error.problem
     if isinstance(error, FieldError):
         return (*path, error.field), f"must be {error.allowed}, not {error.value}"

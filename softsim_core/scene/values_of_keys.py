@@ -18,7 +18,7 @@ Hook = Callable[[Any, Any], Any]
 """What makes of plain data, and of the type that is wanted, a value."""
 
 
-class RefusedError(Exception):
+class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a ConfigError
     """A value that does not fit its key; `below` is the rest of the key path."""
 
     def __init__(self, problem: str, below: KeyPath = ()) -> None:
@@ -45,7 +45,7 @@ def as_number(value: Any, _: Any) -> float:
             number = math.nan
         if not math.isnan(number):
             return number
-    raise RefusedError(f"must be a number, not {shown(value)}{_number_hint(value)}")
+    raise RefusedValue(f"must be a number, not {shown(value)}{_number_hint(value)}")
 
 
 def _number_hint(value: Any) -> str:
@@ -66,35 +66,35 @@ def as_whole_number(value: Any, _: Any) -> int:
     """A whole number."""
     if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
         return int(value)
-    raise RefusedError(f"must be a whole number, not {shown(value)}")
+    raise RefusedValue(f"must be a whole number, not {shown(value)}")
 
 
 def as_boolean(value: Any, _: Any) -> bool:
     """True or false."""
     if isinstance(value, bool):
         return value
-    raise RefusedError(f"must be true or false, not {shown(value)}")
+    raise RefusedValue(f"must be true or false, not {shown(value)}")
 
 
 def as_text(value: Any, _: Any) -> str:
     """A text."""
     if isinstance(value, str):
         return value
-    raise RefusedError(f"must be text, not {shown(value)}" + ("" if value is None else "; quote it"))
+    raise RefusedValue(f"must be text, not {shown(value)}" + ("" if value is None else "; quote it"))
 
 
 def as_path(value: Any, _: Any) -> Path:
     """A path, whether or not there is such a file."""
     if isinstance(value, str | Path) and str(value):
         return Path(value)
-    raise RefusedError(f"must be a file path, not {shown(value)}")
+    raise RefusedValue(f"must be a file path, not {shown(value)}")
 
 
 def as_instance(value: Any, cls: type) -> Any:
     """An object as it is, which no file can give."""
     if isinstance(value, cls):
         return value
-    raise RefusedError(f"comes from Python scenes only, not {shown(value)}")
+    raise RefusedValue(f"comes from Python scenes only, not {shown(value)}")
 
 
 def as_one_of(literal: Any) -> Hook:
@@ -105,7 +105,7 @@ def as_one_of(literal: Any) -> Hook:
         for each in allowed:
             if type(value) is type(each) and value == each:
                 return each
-        raise RefusedError(f"must be {one_of(value, allowed)}, not {shown(value)}")
+        raise RefusedValue(f"must be {one_of(value, allowed)}, not {shown(value)}")
 
     return structure
 
@@ -113,7 +113,7 @@ def as_one_of(literal: Any) -> Hook:
 def as_threads(value: Any, _: Any) -> Any:
     """A number of threads, or auto."""
     if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
-        raise RefusedError(f"must be auto or a whole number, not {value!r}")
+        raise RefusedValue(f"must be auto or a whole number, not {value!r}")
     return value
 
 
@@ -122,4 +122,4 @@ def refuse_unknown(value: Mapping[Any, Any], known: list[str]) -> None:
     for key in value:
         if key not in known:
             allowed = known_names(key, known, "known keys:", whole=True)
-            raise RefusedError(f"unknown key; {allowed}", (str(key),))
+            raise RefusedValue(f"unknown key; {allowed}", (str(key),))
