@@ -113,10 +113,8 @@ def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Pa
     # a mesh that has slivers, as one now and then does, tells of them by its file
     named = [each.replace(str(elsewhere), str(part)) for each in again.report.warnings]
     assert named == list(first.report.warnings)
+    (kept,) = cache.glob("*.vtk")
     assert not mesh_part(part, replace(COARSE, size=9e-3)).known
-    (kept,) = [
-        file for file in cache.glob("*.vtk") if read_tets(file).points.shape == first.mesh.points.shape
-    ]
     kept.write_bytes(kept.read_bytes()[:500])  # a damaged one is made anew
     assert not mesh_part(part, COARSE).known
     assert [file.name for file in cache.iterdir() if file.name.startswith(".")] == []
