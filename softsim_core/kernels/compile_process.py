@@ -45,10 +45,14 @@ class CompileProcess:
         """Have a kernel compiled into the cache, and wait for it; False: it was not, whatever the reason."""
         if not self._used:
             return False
+        try:
+            request = pickle.dumps((_import_paths(), pickle.dumps(wanted)))
+        except Exception:  # a type that no other process can know, such as one of a function's own
+            return False
         with self._one_at_a_time:
             for _ in range(2):  # one that was idle may end while it is asked
                 try:
-                    return self._answer(wanted)
+                    return self._answer(request)
                 except (OSError, EOFError):
                     self.close()
                 except BaseException:  # Ctrl-C: the answer to this comes later, and is not that to the next
@@ -71,12 +75,12 @@ class CompileProcess:
         """Begin anew in a process that was forked: the one that compiles is that of another."""
         self._one_at_a_time, self._process = Lock(), None
 
-    def _answer(self, wanted: Wanted) -> bool:
+    def _answer(self, request: bytes) -> bool:
         if self._process is None:
             self._process = _begun()
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(pickle.dumps(_import_paths()) + pickle.dumps(wanted))
+        self._process.stdin.write(request)
         self._process.stdin.flush()
         return bool(pickle.load(self._process.stdout))
 
@@ -109,20 +113,21 @@ def _import_paths() -> list[str]:
     return [str(Path(each).absolute()) for each in sys.path]
 
 
-def _compiled(wanted: Wanted) -> bool:
+def _compiled(paths: list[str], request: bytes) -> bool:
     """Compile a kernel, or find that another process has done so meanwhile."""
+    sys.path[:] = paths  # those of a package that is new, too
+    wanted: Wanted = pickle.loads(request)
     kernel = getattr(import_module(wanted.module), wanted.name).for_python
     with alone(Path(kernel.stats.cache_path) / "compiling"):
         kernel.compile(wanted.types)
     return True
 
 
-def _heard(requests: BinaryIO, wanted: SimpleQueue[Wanted]) -> None:
+def _heard(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
     """Hear what is wanted, and end this process with the one that asks, in the middle of a kernel, too."""
     with suppress(EOFError, OSError):
         while True:
-            sys.path[:] = pickle.load(requests)  # before the types, which may be of a package that is new
-            wanted.put(pickle.load(requests))
+            heard.put(pickle.load(requests))
     os._exit(0)
 
 
@@ -130,21 +135,19 @@ def main() -> None:
     """Compile what the standard input wants until it ends, or wants nothing for a while; ends the process."""
     import signal
 
-    import_module(
-        "softsim_core.kernels.compile_process"
-    ).compile_process.compile_here()  # here it is __main__
+    compile_process.compile_here()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what modules print is no answer
-    wanted: SimpleQueue[Wanted] = SimpleQueue()
-    Thread(target=_heard, args=(sys.stdin.buffer, wanted), daemon=True).start()
+    heard: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
+    Thread(target=_heard, args=(sys.stdin.buffer, heard), daemon=True).start()
     while True:
         try:
-            kernel = wanted.get(timeout=IDLE_S)
+            request = heard.get(timeout=IDLE_S)
         except Empty:
             os._exit(0)  # the thread that hears holds the input's lock, and Python would end with an error
         try:
-            done = _compiled(kernel)
+            done = _compiled(*request)
         except Exception:  # where it is compiled next, the reason is told
             done = False
         answers.write(pickle.dumps(done))
