@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from subprocess import PIPE, Popen
+from subprocess import DEVNULL, PIPE, Popen
 from threading import Lock, Thread
 from typing import Any, BinaryIO, Final, NamedTuple
 
@@ -106,7 +106,9 @@ def alone(file: Path) -> Iterator[None]:
 
 def _begun() -> Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths())}
-    return Popen([sys.executable, "-m", __name__], stdin=PIPE, stdout=PIPE, env=environment)
+    errors = DEVNULL if sys.stderr is None else None  # a service may have closed it
+    command = [sys.executable, "-m", __name__]
+    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=errors, env=environment)
 
 
 def _import_paths() -> list[str]:
