@@ -3,7 +3,7 @@
 `softsim_core.robots.tripod_mesh` makes the Tripod's silicone; meshio is imported only when a file needs it.
 """
 
-from softsim_core.mesh.checks import MeshReport, check_tets
+from softsim_core.mesh.checks import MeshReport, check_tets, drop_unused_nodes
 from softsim_core.mesh.embedding import Embedding, embed
 from softsim_core.mesh.generators import box_mesh
 from softsim_core.mesh.placement import place, rotation_matrix
@@ -29,6 +29,7 @@ __all__ = [
     "boundary_surface",
     "box_mesh",
     "check_tets",
+    "drop_unused_nodes",
     "embed",
     "enclosed_volume",
     "euler_number",

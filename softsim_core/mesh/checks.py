@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -123,7 +124,33 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     )
 
 
-def check_arrays(points: Array, cells: IndexArray, corners: int, name: str) -> None:
+def drop_unused_nodes(mesh: TetMesh) -> TetMesh:
+    """Return the mesh without nodes that no cell uses; warns where there are any.
+
+    Faces and nodes of the mesh's groups that lie on such nodes go with them, and groups that are left empty.
+    """
+    used = np.zeros(len(mesh.points), dtype=bool)
+    used[mesh.tets] = True
+    if used.all():
+        return mesh
+    warnings.warn(
+        f"mesh {mesh.name}: {np.count_nonzero(~used)} of {len(used)} nodes belong to no cell and are "
+        f"dropped, the first is node {int(np.argmin(used))} (counted from 0)",
+        stacklevel=2,
+    )
+    number = np.cumsum(used) - 1
+    surfaces = {name: number[faces[used[faces].all(axis=1)]] for name, faces in mesh.surfaces.items()}
+    groups = {name: number[nodes[used[nodes]]] for name, nodes in mesh.groups.items()}
+    return replace(
+        mesh,
+        points=mesh.points[used],
+        tets=number[mesh.tets],
+        surfaces={name: faces for name, faces in surfaces.items() if len(faces)},
+        groups={name: nodes for name, nodes in groups.items() if len(nodes)},
+    )
+
+
+def check_arrays(points: Array, cells: IndexArray, corners: int, name: str, kind: str | None = None) -> None:
     """Refuse arrays that are no mesh.
 
     Args:
@@ -131,11 +158,12 @@ def check_arrays(points: Array, cells: IndexArray, corners: int, name: str) -> N
         cells: Indices, must be of shape (m, corners), m >= 1, and in 0..n-1.
         corners: Nodes of a cell: 4 or 10 for tetrahedra, 3 for triangles.
         name: Where the mesh came from.
+        kind: What the cells are called in messages; None: triangles or tetrahedra.
 
     Raises:
         MeshError: names what is wrong and the first place where it is.
     """
-    kind = "triangles" if corners == 3 else "tetrahedra"
+    kind = kind or ("triangles" if corners == 3 else "tetrahedra")
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(name, f"coordinates have shape {points.shape}, they must have shape (n, 3)")
     if cells.ndim != 2 or cells.shape[1] != corners:
@@ -207,7 +235,7 @@ def _refuse_unused_nodes(mesh: TetMesh) -> None:
         raise MeshError(
             mesh.name,
             f"{len(unused)} of {len(mesh.points)} nodes belong to no tetrahedron, the first is node "
-            f"{unused[0]} (counted from 0); export the mesh without them",
+            f"{unused[0]} (counted from 0); export the mesh without them, or call drop_unused_nodes",
         )
 
 

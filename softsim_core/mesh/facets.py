@@ -22,8 +22,9 @@ _STL_WORDS = ("solid", "facet", "outer", "endloop", "endfacet", "endsolid")
 def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
     """Vertices and triangles of an STL file; corners at exactly the same place become one vertex.
 
-    A file whose size fits its triangle count is binary; any other must be text beginning with "solid".
-    Normals and attribute bytes are not used.
+    A file that is long enough for its triangle count is binary, whatever its header says: four letters of a
+    text would count more than 10^8 triangles. Any other must be text beginning with "solid". Normals,
+    attribute bytes and what follows the last triangle are not used.
 
     Args:
         data: The file's bytes.
@@ -36,9 +37,9 @@ def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
         MeshError: the file is neither, or is cut off.
     """
     count = int.from_bytes(data[80:84], "little")
-    if len(data) >= 84 and len(data) == 84 + _FACET.itemsize * count:
+    if 84 + _FACET.itemsize * count <= len(data):
         corners = np.frombuffer(data, _FACET, count, 84)["corners"].reshape(-1, 3).astype(np.float64)
-    elif data[:512].lstrip()[:5].lower() == b"solid":
+    elif data[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in data[:512]:
         corners = _text_corners(data, path)
     elif len(data) < 84:
         raise MeshError(path, f"{len(data)} bytes are too few for binary STL, and text STL begins with solid")

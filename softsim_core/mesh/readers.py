@@ -1,4 +1,4 @@
-"""Reading mesh files: the suffix chooses the format; whatever is wrong becomes one MeshError."""
+"""Reading mesh files: content and suffix choose the format; whatever is wrong becomes one MeshError."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
-from softsim_core.mesh.checks import check_arrays
+from softsim_core.mesh.checks import check_arrays, drop_unused_nodes
 from softsim_core.mesh.facets import drop_degenerate, parse_obj, parse_stl
 from softsim_core.mesh.gid import is_gid, parse_gid
 from softsim_core.mesh.gmsh import GmshBlock, is_gmsh_41, parse_gmsh
 from softsim_core.mesh.placement import PlacementLike, place
+from softsim_core.mesh.splitting import FACES, split_cells
 from softsim_core.mesh.surface import boundary
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
@@ -46,11 +47,28 @@ SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
 LONGEST_DETAIL = 150
 """So many characters of a parser's own message are told."""
 
-_KINDS = (("vertex",), ("line", "line3"), ("triangle", "triangle6", "quad"), ("tetra", "tetra10"))
+_KINDS = (
+    ("vertex",),
+    ("line", "line3"),
+    ("triangle", "triangle6", "quad"),
+    ("tetra", "tetra10", *FACES),
+)
 _DIMENSIONS = {kind: dimension for dimension, kinds in enumerate(_KINDS) for kind in kinds}
 """Of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
-_GID_NAMES = {"tetrahedra": "tetra", "triangle": "triangle", "quadrilateral": "quad"}
+_GID_NAMES = {
+    "tetrahedra": "tetra",
+    "hexahedra": "hexahedron",
+    "triangle": "triangle",
+    "quadrilateral": "quad",
+}
+_NO_VOLUME = re.compile(r"vertex|line|triangle|quad|polygon|pixel|empty")
+"""Beginnings of the names of kinds of cells that enclose no volume."""
+_VTK_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID")
+"""Data sets of legacy VTK files that can be read."""
+_MAGIC = ((b"ply\n", ".ply"), (b"ply\r", ".ply"), (b"$MeshFormat", ".msh"))
+"""First bytes of formats that can be told by them alone."""
 _Cells = dict[str, list[IndexArray]]
+_Groups = tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, dict[str, IndexArray]]]
 
 
 class _Contents(NamedTuple):
@@ -61,29 +79,34 @@ class _Contents(NamedTuple):
         cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
         surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
         groups: Nodes by the name of the group that points, lines, faces or cells of theirs are in, ascending.
-        cell_groups: Tetrahedra by the name of the group that they are in, ascending.
+        cell_groups: Cells by the name of the group that they are in and by their kind: their numbers among
+            all of that kind, ascending.
     """
 
     points: Array
     cells: _Cells
     surfaces: dict[str, IndexArray]
     groups: dict[str, IndexArray]
-    cell_groups: dict[str, IndexArray]
+    cell_groups: dict[str, dict[str, IndexArray]]
 
 
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
-    """Tetrahedra of a mesh file, linear or quadratic; other kinds of elements in it are skipped.
+    """Return the tetrahedra of a mesh file, linear or quadratic.
+
+    Linear hexahedra, wedges and pyramids are split into tetrahedra, see `split_cells`. Points, lines and
+    faces are skipped. Nodes that no cell uses are dropped with a warning.
 
     Args:
         path: File in one of the formats of SUFFIXES.
         placement: From file units and axes to [m] in the world; None: the file is in metres already.
 
     Returns:
-        The mesh, nodes and elements in file order, named after the file.
+        The mesh, nodes and elements in file order, those that were split behind the others, named after the
+        file.
 
     Raises:
-        MeshError: the file is missing, unreadable, damaged, of an unknown format, has no tetrahedra, or both
-            linear and quadratic ones.
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, has no cells with a volume,
+            both linear and quadratic ones, or some of a kind that is not read.
     """
     file = Path(path)
     with _one_error(file):
@@ -91,24 +114,46 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
 
 
 def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
-    points, cells, surfaces, groups, solids = _read(file)
-    mesh = _tet_mesh(points, cells, file)
-    placed = place(points, placement)
-    return replace(mesh, points=placed, surfaces=surfaces, groups=groups, cell_groups=solids)
+    mesh = _tet_mesh(_read(file), file)
+    return replace(mesh, points=place(mesh.points, placement))
 
 
-def _tet_mesh(points: Array, cells: _Cells, file: Path) -> TetMesh:
-    linear, quadratic = cells.get("tetra", []), cells.get("tetra10", [])
-    blocks = linear or quadratic
+def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
+    points, cells, surfaces, groups, cell_groups = contents
+    known = ("tetra", "tetra10", *FACES)
+    unknown = [kind for kind in cells if kind not in known and not _NO_VOLUME.match(kind)]
+    if unknown:
+        raise MeshError(
+            file,
+            f"holds cells of kinds that are not read: {', '.join(unknown)} ({_found(cells)}); export linear "
+            "cells or quadratic tetrahedra",
+        )
+    blocks = {kind: np.concatenate(cells[kind]).astype(np.int64) for kind in known if kind in cells}
     if not blocks:
         raise MeshError(file, f"holds no tetrahedra ({_found(cells)}); export a tetrahedral volume mesh")
-    if linear and quadratic:
-        raise MeshError(
-            file, f"mixes linear and quadratic tetrahedra ({_found(cells)}); export all of one order"
+    if "tetra10" in blocks and len(blocks) > 1:
+        raise MeshError(file, f"mixes linear and quadratic cells ({_found(cells)}); export all of one order")
+    corners = 10 if "tetra10" in blocks else 4
+    tets = blocks.pop("tetra10", blocks.pop("tetra", np.empty((0, 4), dtype=np.int64)))
+    for kind, block in blocks.items():
+        check_arrays(points, block, block.shape[1], str(file), f"cells of kind {kind}")
+    if len(tets):
+        check_arrays(points, tets, corners, str(file))
+    owners = {"tetra": np.arange(len(tets)), "tetra10": np.arange(len(tets))}
+    first = {"tetra": 0, "tetra10": 0}
+    if blocks:
+        points, parts = split_cells(points, tets, blocks, file)
+        for kind, (rows, owner) in parts.items():
+            owners[kind], first[kind] = owner, len(tets)
+            tets = np.concatenate([tets, rows])
+    volumes = {
+        name: np.concatenate(
+            [first[kind] + np.flatnonzero(np.isin(owners[kind], numbers)) for kind, numbers in found.items()]
         )
-    tets = np.ascontiguousarray(np.concatenate(blocks), dtype=np.int64)
-    check_arrays(points, tets, 4 if linear else 10, str(file))
-    return TetMesh(points, tets, str(file))
+        for name, found in cell_groups.items()
+    }
+    mesh = TetMesh(points, np.ascontiguousarray(tets), str(file), surfaces, groups, volumes)
+    return drop_unused_nodes(mesh)
 
 
 def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
@@ -133,12 +178,14 @@ def read_surface(path: str | PathLike[str], placement: PlacementLike | None = No
 
 
 def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
-    points, cells, *_ = _read(file)
+    contents = _read(file)
+    points, cells = contents.points, contents.cells
     faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
     if faces:
         triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
-    elif "tetra" in cells or "tetra10" in cells:
-        triangles = boundary(_tet_mesh(points, cells, file))
+    elif any(not _NO_VOLUME.match(kind) for kind in cells):
+        mesh = _tet_mesh(contents, file)
+        points, triangles = mesh.points, boundary(mesh)
     else:
         raise MeshError(file, f"holds no triangles ({_found(cells)}); export a surface mesh")
     check_arrays(points, triangles, 3, str(file))
@@ -155,7 +202,7 @@ def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
 
 def _read(file: Path) -> _Contents:
     suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in (*SUFFIXES, ".vtp"):
         raise MeshError(
             file, f"suffix {file.suffix!r} names no known format; known are {', '.join(SUFFIXES)}"
         )
@@ -167,6 +214,7 @@ def _read(file: Path) -> _Contents:
         raise MeshError(file, f"cannot be read: {error.strerror or error}") from error
     if not data.strip():
         raise MeshError(file, "is empty; export the mesh again")
+    suffix = _suffix_of_content(data, file) or suffix
     if suffix == ".stl":
         points, triangles = parse_stl(data, file)
         return _Contents(points, {"triangle": [triangles]}, {}, {}, {})
@@ -184,6 +232,30 @@ def _read(file: Path) -> _Contents:
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix])
     _refuse_cut_off(data, suffix, contents.cells, file)
     return contents
+
+
+def _suffix_of_content(data: bytes, file: Path) -> str | None:
+    """Return the suffix of the format that the first bytes show, or None where they show none.
+
+    Raises:
+        MeshError: a VTK file of a kind that is not read, such as polygons.
+    """
+    start = data[:4096].lstrip()
+    if start.startswith(b"# vtk DataFile"):
+        found = re.search(rb"^\s*DATASET\s+(\w+)", start, re.MULTILINE)
+        kind = found[1].decode() if found else None
+        known, suffix = _VTK_KINDS, ".vtk"
+    elif start.startswith(b"<") and (xml := re.search(rb"<VTKFile\b[^>]*?\btype\s*=\s*[\"'](\w+)", start)):
+        kind, known, suffix = xml[1].decode(), ("UnstructuredGrid",), ".vtu"
+    else:
+        return next((suffix for magic, suffix in _MAGIC if start.startswith(magic)), None)
+    if kind is not None and kind not in known:
+        raise MeshError(
+            file,
+            f"is a VTK file of kind {kind}, which is not read; allowed are {', '.join(known)}; save a "
+            "surface as STL, OBJ or PLY",
+        )
+    return suffix
 
 
 @contextlib.contextmanager
@@ -240,7 +312,7 @@ class _Member(NamedTuple):
     numbers: IndexArray
 
 
-def _groups(mesh: Any) -> tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, IndexArray]]:
+def _groups(mesh: Any) -> _Groups:
     """The physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
     names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
     members: list[_Member] = []
@@ -255,23 +327,24 @@ def _groups(mesh: Any) -> tuple[dict[str, IndexArray], dict[str, IndexArray], di
     return _named(members)
 
 
-def _named(
-    members: list[_Member],
-) -> tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, IndexArray]]:
-    """Of each group: corners of its triangles (k, 3), its nodes, and the numbers of its tetrahedra."""
+def _named(members: list[_Member]) -> _Groups:
+    """Of each group: corners of its triangles (k, 3), its nodes, and the numbers of its cells by kind."""
     faces: dict[str, list[IndexArray]] = {}
     nodes: dict[str, list[IndexArray]] = {}
-    solids: dict[str, list[IndexArray]] = {}
+    solids: dict[str, dict[str, list[IndexArray]]] = {}
     for name, kind, cells, numbers in members:
         nodes.setdefault(name, []).append(cells.reshape(-1))
         if kind in ("triangle", "triangle6"):
             faces.setdefault(name, []).append(cells[:, :3])
-        if kind in ("tetra", "tetra10"):
-            solids.setdefault(name, []).append(numbers)
+        if kind in ("tetra", "tetra10", *FACES):
+            solids.setdefault(name, {}).setdefault(kind, []).append(numbers)
     return (
         {name: np.concatenate(blocks) for name, blocks in faces.items()},
         {name: np.unique(np.concatenate(blocks)) for name, blocks in nodes.items()},
-        {name: np.unique(np.concatenate(blocks)) for name, blocks in solids.items()},
+        {
+            name: {kind: np.unique(np.concatenate(blocks)) for kind, blocks in kinds.items()}
+            for name, kinds in solids.items()
+        },
     )
 
 

@@ -37,6 +37,7 @@ from softsim_core.mesh import (
     TetMesh,
     boundary,
     check_tets,
+    drop_unused_nodes,
     embed,
     linear,
     quadratic,
@@ -195,6 +196,8 @@ def _tetrahedra(description: BodyDescription, start: int) -> Body:
     assert mesh is not None  # checked by the description
     if not isinstance(mesh, TetMesh):
         mesh = read_tets(mesh.file, mesh.placement)
+    else:
+        mesh = drop_unused_nodes(mesh)
     if description.order is not None:
         mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
     for sentence in check_tets(mesh).warnings:

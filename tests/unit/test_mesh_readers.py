@@ -145,6 +145,64 @@ def test_stl_binary_with_attributes_and_a_header_that_says_solid(tmp_path: Path,
     assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(6.0, rel=1e-6)
 
 
+@pytest.mark.parametrize("header", [b"binary", b"solid part"])
+@pytest.mark.parametrize("rest", [b"", b"\0" * 7, b"made by a scanner"])
+def test_binary_stl_is_told_by_its_count_of_triangles(
+    tmp_path: Path, box: TetMesh, header: bytes, rest: bytes
+) -> None:
+    data = write_surface(tmp_path / "box.stl", boundary_surface(box)).read_bytes()
+    path = written(tmp_path, "box.stl", header.ljust(80, b"\0") + data[80:] + rest)
+    surface = read_surface(path)
+    assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(6.0)
+
+
+def test_a_cut_off_binary_stl_whose_header_says_solid_is_called_that(tmp_path: Path, box: TetMesh) -> None:
+    data = write_surface(tmp_path / "box.stl", boundary_surface(box)).read_bytes()
+    path = written(tmp_path, "box.stl", b"solid part".ljust(80, b"\0") + data[80:-20])
+    with pytest.raises(MeshError, match="damaged or cut off"):
+        read_surface(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "suffix"),
+    [
+        ({"file_format": "vtu", "binary": False}, ".vtk"),
+        ({"file_format": "vtu", "binary": True}, ".vtk"),
+        ({"file_format": "vtk42", "binary": True}, ".vtu"),
+        ({"file_format": "vtk51", "binary": True}, ".msh"),
+        ({"file_format": "gmsh22", "binary": False}, ".vtk"),
+        ({"file_format": "gmsh"}, ".mesh"),
+    ],
+)
+def test_the_content_chooses_the_format_where_the_suffix_is_wrong(
+    tmp_path: Path, box: TetMesh, options: dict, suffix: str
+) -> None:
+    meshio.write(tmp_path / f"box{suffix}", meshio.Mesh(box.points, [("tetra", box.tets)]), **options)
+    np.testing.assert_array_equal(read_tets(tmp_path / f"box{suffix}").tets, box.tets)
+
+
+POLYDATA = "# vtk DataFile Version 3.0\npart\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n"
+XML_POLYDATA = '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1"><PolyData/></VTKFile>\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("part.vtk", POLYDATA, "POLYDATA"),
+        ("part.vtp", XML_POLYDATA, "PolyData"),
+        ("part.vtk", XML_POLYDATA, "PolyData"),
+        ("part.vtu", XML_POLYDATA.replace("PolyData", "ImageData"), "ImageData"),
+    ],
+)
+def test_a_vtk_file_of_another_kind_is_called_that(
+    tmp_path: Path, name: str, content: str, kind: str
+) -> None:
+    path = written(tmp_path, name, content)
+    for read in (read_tets, read_surface):
+        with pytest.raises(MeshError, match=f"is a VTK file of kind {kind}, which is not read; allowed are"):
+            read(path)
+
+
 def test_stl_triangle_without_area_is_dropped_with_a_warning(tmp_path: Path) -> None:
     text = f"solid\n{ONE_FACET}{ONE_FACET.replace('1 0 0', '0 0 0')}endsolid\n"
     with pytest.warns(UserWarning, match=r"part\.stl: 1 of 2 triangles with two equal corners dropped"):
