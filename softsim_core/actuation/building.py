@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -13,8 +15,11 @@ from softsim_core.actuation.actuators import ActuatorGroup, PlainGroup
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import Model
-from softsim_core.mesh import TetMesh, embed
+from softsim_core.mesh import TetMesh, boundary, closest_point, embed
 from softsim_core.units import SHORTENING, JointUnits
+
+BESIDE_CELLS: Final = 0.5
+"""Farthest distance of a point from the body that it is attached to, in mean edges of the cell there."""
 
 NEAR: Final = 1.0
 """So far outside a body, in heights of a cell, a point may lie that is bound to the nearest one."""
@@ -84,20 +89,40 @@ class Surroundings:
         return [joint.name for joint in self.model.joints].index(name)
 
     def bind(self, owner: str, body: str, points: Array) -> Points:
-        """The nodes that carry points (k, 3) in [m], at the start, of the actuator called `owner`.
+        """Return the nodes that carry points (k, 3) in [m], at the start, of the actuator called `owner`.
+
+        A point beside the body, by up to `BESIDE_CELLS` of the cell at the nearest place of its surface,
+        follows that cell and stays where it is; a warning says how far outside it is.
 
         Raises:
-            SceneError: a point lies outside the body.
+            SceneError: a point lies farther outside the body.
         """
         mesh = self.meshes[body]
         bound = embed(points, mesh)
-        worst = int(np.argmax(bound.outside))
-        if bound.outside[worst] > mesh.around:
-            raise SceneError(
-                f"{owner}: point {worst} at {points[worst].round(6).tolist()} m lies outside body "
-                f"{body}; move it inside, or check its placement"
+        nodes, weights = bound.nodes.copy(), bound.weights.copy()
+        for number in np.flatnonzero(bound.outside > mesh.around).tolist():
+            point = points[number]
+            place = closest_point(point, mesh.points[boundary(mesh)])
+            distance = float(np.linalg.norm(point - place))
+            near = embed(place[None], mesh)
+            nodes[number] = near.nodes[0]
+            cell = mesh.points[mesh.tets[near.tets[0] // (8 if mesh.order == 2 else 1), :4]]
+            size = float(np.mean([np.linalg.norm(a - b) for a, b in combinations(cell, 2)]))
+            where = (
+                f"{owner}: point {number} at {point.round(6).tolist()} m lies outside body {body}, "
+                f"{1e3 * distance:.3g} mm from the nearest place of its surface, {place.round(6).tolist()} m"
             )
-        return Points(bound.nodes + self.first_node[body], bound.weights)
+            if distance > BESIDE_CELLS * size:
+                raise SceneError(
+                    f"{where}; allowed is half a cell, {1e3 * BESIDE_CELLS * size:.3g} mm: move it inside, "
+                    "or check its placement and units"
+                )
+            warnings.warn(f"{where}; it is attached to the cell there", stacklevel=2)
+            corners = mesh.points[nodes[number]]
+            edges = (corners[1:] - corners[0]).T
+            local = np.linalg.solve(edges, point - corners[0])
+            weights[number] = 1.0 - local.sum(), *local
+        return Points(nodes + self.first_node[body], weights)
 
     def bind_near(self, point: Array) -> Points | None:
         """The nodes that carry a point (3,) in [m], at the start, in or on any body; None: none is there.

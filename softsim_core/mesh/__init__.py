@@ -12,6 +12,7 @@ from softsim_core.mesh.readers import read_surface, read_tets
 from softsim_core.mesh.surface import (
     boundary,
     boundary_surface,
+    closest_point,
     enclosed_volume,
     euler_number,
     is_closed,
@@ -29,6 +30,7 @@ __all__ = [
     "boundary_surface",
     "box_mesh",
     "check_tets",
+    "closest_point",
     "drop_unused_nodes",
     "embed",
     "enclosed_volume",

@@ -52,6 +52,29 @@ def alone(faces: IndexArray, mesh: str) -> BoolArray:
     return np.asarray(counts[inverse.reshape(-1)] == 1)
 
 
+def closest_point(point: Array, corners: Array) -> Array:
+    """Return the point of triangles that is nearest to a point.
+
+    Args:
+        point: A place in [m], shape (3,).
+        corners: Corners of the triangles in [m], shape (k, 3, 3).
+
+    Returns:
+        The nearest place on them, shape (3,).
+    """
+    edges = corners[:, [1, 2, 0]] - corners
+    lengths = np.maximum((edges**2).sum(axis=2), np.finfo(float).tiny)
+    along = np.clip(((point - corners) * edges).sum(axis=2) / lengths, 0.0, 1.0)
+    on_edges = (corners + along[..., None] * edges).reshape(-1, 3)
+    normals = np.cross(edges[:, 0], -edges[:, 2])
+    squares = np.maximum((normals**2).sum(axis=1), np.finfo(float).tiny)
+    heights = ((point - corners[:, 0]) * normals).sum(axis=1) / squares
+    feet = point - heights[:, None] * normals
+    inside = (np.cross(edges, feet[:, None] - corners) * normals[:, None]).sum(axis=2) >= 0.0
+    candidates = np.concatenate([on_edges, feet[inside.all(axis=1)]])
+    return np.asarray(candidates[np.argmin(((candidates - point) ** 2).sum(axis=1))])
+
+
 def boundary_surface(mesh: TetMesh) -> SurfaceMesh:
     """The boundary as a surface of its own, with only the points it uses, in node order."""
     triangles = boundary(mesh)

@@ -288,7 +288,7 @@ def resting(*sensors: SimulatedSensorDescription) -> Any:
     [
         (
             StrainSensorDescription(name="a", body="slab", points=((0.0, 0.0, 0.0), (0.0, 0.0, 0.5))),
-            r"sensor a: point 1 at \[0.0, 0.0, 0.5\] m lies outside body slab; move it inside",
+            r"sensor a: point 1 at \[0.0, 0.0, 0.5\] m lies outside body slab, 490 mm from the nearest place",
         ),
         (
             MarkersDescription(name="a", points=((0.0, 0.0, 0.0), (0.0, 0.0, 0.5))),
