@@ -105,7 +105,7 @@ def test_gripper_step_3_pull_and_tension(pull: float, tension: float) -> None:
 
 @pytest.mark.slow
 def test_gripper_step_4_notches_that_meet_need_more_tension() -> None:
-    start = load_scene("gripper_step_4").source.parents[1] / "tutorials/cable_gripper/step_4_start.yaml"
+    start = load_scene("gripper_step_4").source.parents[1] / "tutorials/gripper_step_4_start.yaml"
     free, met = (ran(scene, 2.0, [0.055]).actuators[0].tension for scene in (str(start), "gripper_step_4"))
     assert free == pytest.approx(3.9, abs=0.1)
     assert met == pytest.approx(14.0, abs=2.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -39,7 +40,8 @@ FENCES = [fence for page in TUTORIAL_PAGES for fence in fences(page)]
 CONSOLE = [fence for fence in FENCES if fence.language == "console"] + list(fences(README, QUICK_START))
 STARTED = [fence for fence in CONSOLE if fence.flags is not None]
 STEP_PAGES = [page for page in TUTORIAL_PAGES if page.parent != TUTORIALS]
-STARTS = sorted(path for path in (REPOSITORY / "configs" / "tutorials").rglob("step_*") if path.is_file())
+CONFIGS = REPOSITORY / "configs"
+STARTS = sorted((CONFIGS / "tutorials").glob("*_step_*"))
 
 
 @functools.cache
@@ -102,6 +104,41 @@ def test_links_lead_somewhere(page: Path) -> None:
         target = (page.parent / path).resolve() if path else page
         assert target.is_file(), link
         assert not anchor or anchor in anchors(target), link
+
+
+def started(page: Path) -> Path:
+    """The start version that a page of a step names."""
+    return next(target for link in links(page) if (target := (page.parent / link).resolve()) in STARTS)
+
+
+def typed(start: str, fence: Fence) -> str:
+    """The start version as somebody leaves it who types what the page prints: a section of the same name, or
+    one that its comment says goes away, is replaced; lines behind `create_scene` replace the function."""
+    if fence.language == "python":
+        return (
+            fence.body if fence.body.startswith(("import", "from")) else start.split("def ")[0] + fence.body
+        )
+    ours = re.findall(r"^(\w+):", fence.body, re.MULTILINE) + re.findall(r"instead of `(\w+)", start)
+    sections = re.split(r"^(?=\w+:)", start, flags=re.MULTILINE)
+    kept = [section for section in sections if section.split(":")[0] not in ours]
+    return "".join(section.rstrip() + "\n" for section in kept) + fence.body
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", STEP_PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def test_what_a_page_prints_runs_when_it_is_typed_into_the_start_version(page: Path, tmp_path: Path) -> None:
+    for folder in CONFIGS.iterdir():
+        if folder.name != "tutorials":
+            (tmp_path / folder.name).symlink_to(folder)
+    start = started(page)
+    scene = tmp_path / "tutorials" / start.name
+    scene.parent.mkdir()
+    text = start.read_text(encoding="utf-8")
+    for fence in fences(page):
+        if fence.source is not None and fence.language in ("yaml", "python"):
+            text = typed(text, fence)
+    scene.write_text(text, encoding="utf-8")
+    run(str(scene))
 
 
 SHOWN = [fence for fence in FENCES if fence.language in ("yaml", "python", "json")]
