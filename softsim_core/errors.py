@@ -46,12 +46,25 @@ class MaterialError(SoftSimError, ValueError):
 
 
 class ConfigError(SoftSimError, ValueError):
-    """A configuration file has a wrong key or value; carries file, key, value and what is allowed."""
+    """A configuration file has a wrong key or value.
 
-    def __init__(self, file: str | PathLike[str], key: str, problem: str) -> None:
-        self.file, self.key, self.problem = str(file), key, problem
-        where = f"{self.file}: {key}" if key else self.file
-        super().__init__(f"{where}: {problem}")
+    Attributes:
+        file: Path of the file.
+        key: Path of the key in it, such as "bodies[0].density"; "": the whole file.
+        problem: What is wrong and what is allowed.
+        place: Line and column of the key, counted from 1; None: not known.
+    """
+
+    def __init__(
+        self, file: str | PathLike[str], key: str, problem: str, place: tuple[int, int] | None = None
+    ) -> None:
+        self.file, self.key, self.problem, self.place = str(file), key, problem, place
+        where = [
+            self.file,
+            *([f"line {place[0]}, column {place[1]}"] if place else ()),
+            *([key] if key else ()),
+        ]
+        super().__init__(": ".join([*where, problem]))
 
 
 class DataError(SoftSimError, ValueError):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import string
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from softsim_core.errors import SceneError
 from softsim_core.values import FieldError, Vector, need_finite, need_positive
@@ -45,6 +46,14 @@ class StartAnimation:
     def __post_init__(self) -> None:
         need_positive("start animation", "duration", self.duration, "s")
         need_finite("start animation", "base_shift", (self.base_shift,))
+
+
+KEY_NAMES: Final = frozenset(
+    {"up", "down", "left", "right", "home", "end", "insert", "delete", "page_up", "page_down"}
+    | {"space", "plus", "minus", "enter", "escape", "backspace"}
+    | (set(string.digits + string.ascii_lowercase + string.punctuation) - set("+=-_"))
+)
+"""Every name of a key, as terminals and browsers send it, that a binding can use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,7 @@ from softsim_core.scene.file_keys import beside, is_absent, keys_of
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.material_keys import material_structure
+from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.sensor_keys import sensor_structure
 from softsim_core.scene.solver_settings import Threads
 from softsim_core.scene.values_of_keys import (
@@ -103,7 +104,7 @@ def scene_converter(find_files: bool) -> Any:
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
                 raise RefusedValue(f"must be a mapping with keys among {listing(known)}, not {shown(value)}")
-            refuse_unknown(value, list(known))
+            refuse_unknown(value, list(known), ("extends", "arm") if cls is RobotDescription else ())
             given = dict(value)
             for name, part in inner.items():
                 given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}

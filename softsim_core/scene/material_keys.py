@@ -30,7 +30,15 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
         raise RefusedValue(str(error), ("law",)) from None
     known = ["law", "preset", "prony", *(each.name for each in parameters)]
     for key in value:
-        if key not in known and (laws := [each for each in material_names() if key in material(each).names]):
+        if key in known:
+            continue
+        laws = [each for each in material_names() if key in material(each).names]
+        misspelt = [
+            each
+            for each in value
+            if each not in known and not any(each in material(name).names for name in material_names())
+        ]
+        if laws and not misspelt:
             problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
             raise RefusedValue(problem, (str(key),))
     refuse_unknown(value, known)
@@ -55,10 +63,16 @@ def _prony(value: Any) -> tuple[tuple[float, float], ...]:
     terms = []
     for i, term in enumerate(value):
         where = ("prony", i)
-        if not isinstance(term, Mapping) or set(term) != {"share", "time"}:
-            raise RefusedValue(f"must have share and time and nothing else, not {shown(term)}", where)
+        if not isinstance(term, Mapping):
+            raise RefusedValue(f"must have share and time, not {shown(term)}", where)
+        try:
+            refuse_unknown(term, ["share", "time"])
+        except RefusedValue as error:
+            raise RefusedValue(error.problem, (*where, *error.below)) from None
         numbers = {}
         for name in ("share", "time"):
+            if name not in term:
+                raise RefusedValue("is missing; it has no default", (*where, name))
             try:
                 numbers[name] = as_number(term[name], float)
             except RefusedValue as error:

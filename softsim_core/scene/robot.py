@@ -10,14 +10,20 @@ from typing import Any
 
 from softsim_core.errors import SceneError
 from softsim_core.scene.board import BoardDescription
-from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
+from softsim_core.scene.control import (
+    KEY_NAMES,
+    CommandSettings,
+    InverseSettings,
+    KeyBinding,
+    StartAnimation,
+)
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.file_keys import ABSENT, BESIDE
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
 from softsim_core.values import FieldError, need_finite
-from softsim_core.wrong_names import known_names
+from softsim_core.wrong_names import known_names, one_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +87,11 @@ class RobotDescription:
         known("pose", self.inverse.posture, poses)
         for part in self.view.hidden:
             known("part to hide", part, self.shown_parts)
-        for binding in self.keys.values():
+        for key, binding in self.keys.items():
+            if key not in KEY_NAMES:
+                words = sorted(each for each in KEY_NAMES if len(each) > 1)
+                allowed = f"the name of a key: a letter, digit or sign, or {one_of(key, words)}"
+                raise FieldError(f"scene {self.name}", f"keys.{key}", repr(key), allowed)
             known("pose", binding.pose, poses)
             for joint in binding.joints:
                 known("joint", joint, joints)

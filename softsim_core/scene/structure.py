@@ -14,7 +14,7 @@ from softsim_core.scene.converter import scene_converter
 from softsim_core.scene.file_keys import beside
 from softsim_core.scene.robot import RobotDescription, need_namespace
 from softsim_core.scene.values_of_keys import RefusedValue
-from softsim_core.scene.yaml_source import KeyPath, SourcedMapping, key_path
+from softsim_core.scene.yaml_source import KeyPath, Place, SourcedMapping, key_path
 from softsim_core.values import FieldError
 
 T = typing.TypeVar("T")
@@ -66,7 +66,8 @@ def structured(
     except Exception as error:
         path, problem = _first_problem(error)
         where = key_path(path if at is None else (at, *path))
-        raise ConfigError(_file_of(data, path) or file, where, problem) from None
+        origin, place = _origin(data, path)
+        raise ConfigError(origin or file, where, problem, place) from None
     return description
 
 
@@ -87,7 +88,7 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
     if isinstance(error, RefusedValue):
         return (*path, *error.below), error.problem
     if isinstance(error, FieldError):
-        return (*path, error.field), f"must be {error.allowed}, not {error.value}"
+        return (*path, *error.field.split(".")), f"must be {error.allowed}, not {error.value}"
     if isinstance(error, KeyError) and error.args == (last,):
         return tuple(path), "is missing; it has no default"
     if isinstance(error, SceneError):
@@ -95,14 +96,18 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
     return tuple(path), f"{type(error).__name__}: {error}"
 
 
-def _file_of(data: SourcedMapping, path: KeyPath) -> Path | None:
-    file, node = data.file, typing.cast(Any, data)
+def _origin(data: SourcedMapping, path: KeyPath) -> tuple[Path | None, Place | None]:
+    """The file that wrote a key, and the place of it, or of the nearest key above that has one."""
+    file, node, place = data.file, typing.cast(Any, data), None
     for step in path:
         if isinstance(node, SourcedMapping) and isinstance(step, str):
-            file = node.file_of(step)
+            if step in node:
+                file, place = node.file_of(step), node.places.get(step, place)
             node = node.get(step)
         elif isinstance(node, list) and isinstance(step, int) and step < len(node):
             node = node[step]
+            if isinstance(node, SourcedMapping) and (first := next(iter(node), None)) in node.places:
+                file, place = node.file_of(first), node.places[first]
         else:
             break
-    return file
+    return file, place

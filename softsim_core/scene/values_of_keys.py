@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +117,9 @@ def as_threads(value: Any, _: Any) -> Any:
     return value
 
 
-def refuse_unknown(value: Mapping[Any, Any], known: list[str]) -> None:
-    """Refuse a mapping with a key that is not known."""
+def refuse_unknown(value: Mapping[Any, Any], known: list[str], read_before: Sequence[str] = ()) -> None:
+    """Refuse a mapping with a key that is not known; the message lists those that were read before, too."""
     for key in value:
         if key not in known:
-            allowed = known_names(key, known, "known keys:", whole=True)
+            allowed = known_names(key, [*known, *read_before], "known keys:", whole=True)
             raise RefusedValue(f"unknown key; {allowed}", (str(key),))

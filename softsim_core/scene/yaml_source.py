@@ -21,22 +21,37 @@ KeyPath: TypeAlias = tuple[str | int, ...]
 """Steps from the top of a file to a value: ("bodies", 0, "material")."""
 
 
-class SourcedMapping(dict[str, Any]):
-    """A mapping read from a file; `file_of(key)` names the file, None for values that come from no file."""
+Place: TypeAlias = tuple[int, int]
+"""Line and column in a file, counted from 1."""
 
-    def __init__(self, items: Mapping[str, Any], file: Path | None) -> None:
+
+class SourcedMapping(dict[str, Any]):
+    """A mapping read from a file; `file_of(key)` names the file, None for values that come from no file.
+
+    Attributes:
+        file: The file that most of it comes from.
+        places: Where its keys stand, of those that are known.
+    """
+
+    def __init__(
+        self, items: Mapping[str, Any], file: Path | None, places: Mapping[str, Place] | None = None
+    ) -> None:
         super().__init__(items)
         self.file = file
+        self.places = dict(places or {})
         self._files: dict[str, Path | None] = {}
 
     def file_of(self, key: str) -> Path | None:
         """The file that wrote this key."""
         return self._files.get(key, self.file)
 
-    def put(self, key: str, value: Any, file: Path | None) -> None:
-        """Set a value that another file wrote."""
+    def put(self, key: str, value: Any, file: Path | None, place: Place | None = None) -> None:
+        """Set a value that another file wrote, at a place in it."""
         self[key] = value
         self._files[key] = file
+        self.places.pop(key, None)
+        if place is not None:
+            self.places[key] = place
 
 
 def key_path(path: Iterable[str | int]) -> str:
@@ -153,12 +168,13 @@ class _Reader:
         for key_node, value_node in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
                 for source in self._merge_sources(value_node, path):
-                    merged = SourcedMapping({**source, **merged}, self._file)  # the first of a list wins
+                    places = {**source.places, **merged.places}
+                    merged = SourcedMapping({**source, **merged}, self._file, places)  # the first wins
                 continue
             key = self.value(key_node, path) if isinstance(key_node, self._yaml.ScalarNode) else None
             if isinstance(key, bool):  # YAML 1.1 reads the bare words on, off, yes, no as truth values
                 key = key_node.value
-            line = key_node.start_mark.line + 1
+            line, column = key_node.start_mark.line + 1, key_node.start_mark.column + 1
             if not isinstance(key, str):
                 text = getattr(key_node, "value", "it")
                 raise ConfigError(
@@ -171,7 +187,8 @@ class _Reader:
                     self._file, key_path((*path, key)), f"given twice (again in line {line}); keep one"
                 )
             own[key] = self.value(value_node, (*path, key))
-        return SourcedMapping({**merged, **own}, self._file)
+            own.places[key] = line, column
+        return SourcedMapping({**merged, **own}, self._file, {**merged.places, **own.places})
 
     def _merge_sources(self, node: Any, path: KeyPath) -> list[SourcedMapping]:
         value = self.value(node, (*path, "<<"))
@@ -195,11 +212,12 @@ def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> Sou
     result = SourcedMapping({}, base.file)
     for key in dict.fromkeys((*base, *over)):
         if key not in over:
-            result.put(key, base[key], base.file_of(key))
+            result.put(key, base[key], base.file_of(key), base.places.get(key))
         elif key not in base:
-            result.put(key, over[key], over.file_of(key))
+            result.put(key, over[key], over.file_of(key), over.places.get(key))
         else:
-            result.put(key, _merge_values(base[key], over[key], (*path, key)), over.file_of(key))
+            merged = _merge_values(base[key], over[key], (*path, key))
+            result.put(key, merged, over.file_of(key), over.places.get(key))
     return result
 
 
@@ -211,6 +229,8 @@ def _merge_values(base: Any, over: Any, path: KeyPath) -> Any:
             base = SourcedMapping({"preset": base}, over.file)
     if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
         return merge(base, over, path)
+    if _is_named_list(base) and isinstance(over, list):
+        _refuse_nameless(over, path)
     if _is_named_list(base) and _is_named_list(over):
         items = _by_name(base, path)
         for name, item in _by_name(over, path).items():
@@ -224,9 +244,22 @@ def _by_name(items: list[SourcedMapping], path: KeyPath) -> dict[str, SourcedMap
     for index, item in enumerate(items):
         if item["name"] in names:
             where = item.file_of("name") or "scene"
-            raise ConfigError(where, key_path((*path, index)), f"a second item is named {item['name']}")
+            problem = f"a second item is named {item['name']}"
+            raise ConfigError(where, key_path((*path, index)), problem, item.places.get("name"))
         names[item["name"]] = item
     return names
+
+
+def _refuse_nameless(items: list[Any], path: KeyPath) -> None:
+    """Refuse items without a name: those of the file below are found by theirs."""
+    for index, item in enumerate(items):
+        if isinstance(item, SourcedMapping) and "name" not in item:
+            first = next(iter(item), "")
+            problem = (
+                f"item {index} has no `name`; items are laid over those of the file below by their names"
+            )
+            where = item.file_of(first) or "scene"
+            raise ConfigError(where, key_path((*path, index)), problem, item.places.get(first))
 
 
 def _is_named_list(value: Any) -> bool:
@@ -250,17 +283,17 @@ def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> 
     """What a YAML file holds, merged over the file its key `extends` names, as `read_extended`."""
     if "extends" not in data:
         return data
-    target = data.pop("extends")
+    target, place = data.pop("extends"), data.places.get("extends")
     if not isinstance(target, str):
-        raise ConfigError(file, "extends", f"must name a YAML file, not {target!r}")
+        raise ConfigError(file, "extends", f"must name a YAML file, not {target!r}", place)
     base = relative_to_file(target, file)
     chain = (*below, file)
     if base.resolve() in {each.resolve() for each in chain}:
-        raise ConfigError(file, "extends", f"files extend each other in a circle: {listing([*chain, base])}")
+        circle = f"files extend each other in a circle: {listing([*chain, base])}"
+        raise ConfigError(file, "extends", circle, place)
     if not base.is_file():
-        raise ConfigError(
-            file, "extends", f"no such file {base}; a relative path is relative to the file that names it"
-        )
+        problem = f"no such file {base}; a relative path is relative to the file that names it"
+        raise ConfigError(file, "extends", problem, place)
     return merge(read_extended(base, chain), data)
 
 

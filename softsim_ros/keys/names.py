@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-import string
 from dataclasses import dataclass
-from typing import Final
-
-KEY_NAMES: Final = frozenset(
-    {"up", "down", "left", "right", "home", "end", "insert", "delete", "page_up", "page_down"}
-    | {"space", "plus", "minus", "enter", "escape", "backspace"}
-    | (set(string.digits + string.ascii_lowercase + string.punctuation) - set("+=-_"))
-)
-"""Every name a KeyPress can have, so every name a key binding can use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +10,8 @@ class KeyPress:
     """One key, plain or with Ctrl.
 
     Attributes:
-        name: One of KEY_NAMES: "up", "plus", "space", a lower-case letter, a digit, a punctuation character.
+        name: One of `softsim_core.scene.control.KEY_NAMES`: "up", "plus", "space", a lower-case letter, a
+            digit, a punctuation character.
         ctrl: Ctrl (or Cmd) was held. Tab is Ctrl+I on every terminal.
     """
 

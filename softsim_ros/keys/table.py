@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from softsim_core.errors import listing
 from softsim_core.scene.control import Action, KeyBinding
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.keys.names import KEY_NAMES
 
 HELP_KEY: Final = "?"
 
@@ -59,15 +57,6 @@ def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
 def key_of(robot: RobotDescription, action: Action) -> str | None:
     """The key that a robot has for an action."""
     return next((key for key, binding in key_table(robot).items() if binding.action == action), None)
-
-
-def unknown_keys(robot: RobotDescription) -> str | None:
-    """A sentence about keys of the robot's file that no terminal sends, or None."""
-    unknown = [key for key in robot.keys if key not in KEY_NAMES]
-    if not unknown:
-        return None
-    names = sorted(key for key in KEY_NAMES if len(key) > 1)
-    return f"no terminal sends the key {listing(unknown)}; use a letter, digit or sign, or {listing(names)}"
 
 
 def goal_help(name: str) -> str:

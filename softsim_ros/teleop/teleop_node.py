@@ -19,7 +19,6 @@ from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
 from softsim_ros.keys.names import KeyPress
 from softsim_ros.keys.parameters import KeySettings, requested_robot
-from softsim_ros.keys.table import unknown_keys
 from softsim_ros.runtime import ClosableNode
 from softsim_ros.teleop.display import View
 from softsim_ros.teleop.held_output import HeldOutput
@@ -43,7 +42,7 @@ class Teleop(ClosableNode):
 
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
         super().__init__("teleop", **{"namespace": robot.name, **node_options})
-        self._message = unknown_keys(robot) or ""
+        self._message = ""
         self.notice: Callable[[], str] = str
         self._warning, self._warned_at = "", -math.inf
         self.client = RobotClient(self, robot, self.set_status)

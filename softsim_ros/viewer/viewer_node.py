@@ -27,7 +27,6 @@ from softsim_ros.client.log import RobotLog, Warnings
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.keys.keyboard import Keyboard
 from softsim_ros.keys.parameters import KeySettings
-from softsim_ros.keys.table import unknown_keys
 from softsim_ros.runtime import ClosableNode
 from softsim_ros.viewer.controls import Controls, have_same_controls
 from softsim_ros.viewer.drive_tab import Hint
@@ -95,7 +94,6 @@ class Viewer(ClosableNode):
 
     def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
         spoken = Spoken()
-        spoken.say(unknown_keys(robot) or "")
         client = RobotClient(self, robot, spoken.say)
         simulator = client.simulator
 
