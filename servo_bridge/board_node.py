@@ -14,6 +14,7 @@ from rclpy.clock_type import ClockType
 from servo_bridge.pty_board import PtyBoard
 from softsim_node.guarded_node import GuardedNode
 from softsim_node.parameters import declare, parameter
+from softsim_node.terminals import takes_escapes
 
 STATUS_PERIOD_S = 0.2
 
@@ -86,7 +87,7 @@ class BoardNode(GuardedNode):
         line = f"{self.pose_text}  port {'open' if self.board.is_open else 'closed'}"
         if line != self._shown:
             self._shown = line
-            terminal = sys.stdout.isatty()
+            terminal = takes_escapes(sys.stdout)
             sys.stdout.write(f"\r{line}\x1b[K" if terminal else f"{line}\n")
             sys.stdout.flush()
 

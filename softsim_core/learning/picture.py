@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.batch import Batch
+from softsim_core.extras import install_command
 from softsim_core.learning.task import Task
 from softsim_core.mechanics.pose import rotation_of
 from softsim_core.mesh import SurfaceMesh
@@ -38,7 +39,7 @@ class Painter:
             from matplotlib.figure import Figure
         except ImportError as error:
             raise ImportError(
-                f"render_mode needs matplotlib ({error}); pip install 'softsim[learn]'"
+                f"render_mode needs matplotlib ({error}); {install_command('learn')}"
             ) from error
         azimuth, elevation, self._middle, self._width = task.camera
         a, e = np.radians((azimuth, elevation))

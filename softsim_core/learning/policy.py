@@ -14,6 +14,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import PolicyError, listing
+from softsim_core.extras import install_command
 from softsim_core.learning.task import Numbers, Senses
 from softsim_core.learning.tasks import TASKS
 from softsim_core.scene.robot import RobotDescription
@@ -173,7 +174,7 @@ def _session(path: Path) -> Any:
     try:
         runtime = importlib.import_module("onnxruntime")
     except ImportError as error:
-        raise PolicyError(path, f"{error}; pip install 'softsim[policy]'") from error
+        raise PolicyError(path, f"{error}; {install_command('policy')}") from error
     try:
         if (size := path.stat().st_size) > _LARGEST_BYTES:
             raise PolicyError(path, f"{size} bytes are more than the {_LARGEST_BYTES} allowed")

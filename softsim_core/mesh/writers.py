@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ _VTK_TETRAHEDRON, _VTK_QUADRATIC_TETRAHEDRON = 10, 24
 _GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON, _GMSH_POINT = 4, 11, 15
 
 
-def write_tets(path: Path, mesh: TetMesh) -> Path:
+def write_tets(path: str | PathLike[str], mesh: TetMesh) -> Path:
     """Write tetrahedra; the suffix chooses the format, both lossless.
 
     `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; anything else a
@@ -26,6 +27,7 @@ def write_tets(path: Path, mesh: TetMesh) -> Path:
     Raises:
         MeshError: the file cannot be written.
     """
+    path = Path(path)
     _write(path, *(_gmsh(mesh) if path.suffix.lower() == ".msh" else _vtk(mesh)))
     return path
 
@@ -65,7 +67,7 @@ def _gmsh(mesh: TetMesh) -> list[bytes]:
     return ["\n".join(lines).encode()]
 
 
-def write_surface(path: Path, surface: SurfaceMesh, unit: str = "metres") -> Path:
+def write_surface(path: str | PathLike[str], surface: SurfaceMesh, unit: str = "metres") -> Path:
     """Write triangles as binary STL (float32), whose header names the unit of the points.
 
     Returns:
@@ -74,6 +76,7 @@ def write_surface(path: Path, surface: SurfaceMesh, unit: str = "metres") -> Pat
     Raises:
         MeshError: the file cannot be written.
     """
+    path = Path(path)
     normals = triangle_normals(surface.points, surface.triangles)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     facets = np.zeros(len(normals), np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")]))

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import MeshError
+from softsim_core.extras import install_command
 from softsim_core.mesh.checks import tet_volumes
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 from softsim_core.meshing.tetwild import compiled_part
@@ -73,7 +74,7 @@ def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, 
     """
     name = surface.name
     if command is COMMAND and not have_mesher():
-        raise MeshError(name, "cannot be filled without pytetwild; pip install 'softsim[mesh]'")
+        raise MeshError(name, f"cannot be filled without pytetwild; {install_command('mesh')}")
     middle = surface.points.mean(axis=0)
     scale = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     with tempfile.TemporaryDirectory(prefix="softsim-mesh-") as folder:

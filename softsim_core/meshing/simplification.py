@@ -8,6 +8,7 @@ import importlib.util
 import numpy as np
 
 from softsim_core.errors import MeshError
+from softsim_core.extras import install_command
 from softsim_core.mesh.types import SurfaceMesh
 
 MOST_TRIANGLES = 40_000
@@ -34,8 +35,8 @@ def simplified(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
     if importlib.util.find_spec("fast_simplification") is None:
         raise MeshError(
             surface.name,
-            f"has {count} triangles, and more than {most} need fast-simplification; pip install "
-            "'softsim[mesh]', or export it with a coarser tolerance",
+            f"has {count} triangles, and more than {most} need fast-simplification; "
+            f"{install_command('mesh')}, or export it with a coarser tolerance",
         )
     middle = surface.points.mean(axis=0)
     scale = float(np.ptp(surface.points, axis=0).max())

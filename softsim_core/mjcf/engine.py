@@ -15,9 +15,10 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import MjcfError
+from softsim_core.extras import install_command
 from softsim_core.mjcf.probe import REFUSED
 
-INSTALL = "pip install 'softsim[mujoco]' (MuJoCo 3.13 or newer)"
+INSTALL = f"{install_command('mujoco')} (MuJoCo 3.13 or newer)"
 TIME_LIMIT_S = 120.0
 """The first look at a model may take so long, in [s]."""
 

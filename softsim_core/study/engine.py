@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 from softsim_core.errors import SoftSimError, StudyError
+from softsim_core.extras import install_command
 from softsim_core.scene import load_scene
 from softsim_core.simulation import Simulation
 from softsim_core.study.identity import versions
@@ -234,7 +235,7 @@ def engine(where: Where) -> Iterator[Engine]:
             importlib.import_module("cryptography")
     except ImportError as error:
         raise StudyError(
-            "studies need Dask and Zarr 3 (Python 3.11 or newer): pip install 'softsim[study]'"
+            f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
         ) from error
     environment = dict.fromkeys(THREADS, "1")
     settings = {

@@ -19,6 +19,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError, SceneError, StudyError
+from softsim_core.extras import install_command
 from softsim_core.identification.expressions import evaluated, names_in
 from softsim_core.study.engine import Engine, Task, engine
 from softsim_core.study.preparing import PreparedStudy
@@ -100,7 +101,7 @@ class _Search:
         try:
             self._cma = importlib.import_module("cma")
         except ImportError as error:
-            raise StudyError("optimising needs cma: pip install 'softsim[study]'") from error
+            raise StudyError(f"optimising needs cma: {install_command('study')}") from error
         generator = np.random.default_rng(study.objective.seed)
         settings = {
             "bounds": [[0.0] * size, [1.0] * size],

@@ -13,6 +13,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.errors import StudyError
+from softsim_core.extras import install_command
 from softsim_core.study.single import DONE, STATUS_WORDS
 from softsim_core.study.store import zarr_package
 
@@ -99,7 +100,7 @@ def write_parquet(results: StudyResults, file: Path) -> None:
         arrow = importlib.import_module("pyarrow")
         parquet = importlib.import_module("pyarrow.parquet")
     except ImportError as error:
-        raise StudyError("--parquet needs pyarrow: pip install 'softsim[study]'") from error
+        raise StudyError(f"--parquet needs pyarrow: {install_command('study')}") from error
     columns: dict[str, Any] = {"run": np.arange(len(results.status))}
     columns |= {**results.variables, **results.quantities}
     columns["status"] = [STATUS_WORDS[each] for each in results.status.tolist()]

@@ -24,6 +24,7 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import StudyError
+from softsim_core.extras import install_command
 from softsim_core.study.single import PENDING, RAISED, STATUS_WORDS, Outcome
 
 JOURNAL = "journal"
@@ -332,7 +333,7 @@ def zarr_package() -> Any:
         return importlib.import_module("zarr")
     except ImportError as error:
         raise StudyError(
-            "studies need Dask and Zarr 3 (Python 3.11 or newer): pip install 'softsim[study]'"
+            f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
         ) from error
 
 

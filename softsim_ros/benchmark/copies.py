@@ -14,6 +14,7 @@ import numpy as np
 
 from softsim_core import Batch, Simulation
 from softsim_core.errors import MjcfError
+from softsim_core.extras import install_command
 from softsim_core.mjcf.engine import MujocoRun
 from softsim_core.mjcf.exporting import export_mjcf
 from softsim_core.scene.robot import RobotDescription
@@ -172,7 +173,7 @@ def peer_missing() -> str | None:
     try:
         import_module("mujoco.rollout")
     except (ImportError, MjcfError) as error:
-        return f"MuJoCo is not measured: {error}; pip install 'softsim[peers]'"
+        return f"MuJoCo is not measured: {error}; {install_command('peers')}"
     return None
 
 

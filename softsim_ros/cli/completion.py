@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
+from softsim_core.extras import install_command
 from softsim_ros.cli.command import Command
 from softsim_ros.cli.parser import Parser
 
@@ -34,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
         from argcomplete.shell_integration import shellcode
     except ImportError:
         print(
-            "softsim completion: argcomplete is not installed; pip install 'softsim[completion]'",
+            f"softsim completion: argcomplete is not installed; {install_command('completion')}",
             file=sys.stderr,
         )
         return 1

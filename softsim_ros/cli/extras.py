@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from softsim_core.extras import install_command
+
 _ROS: Final = (
     "rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "lifecycle_msgs",
     "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "shape_msgs", "std_msgs",
@@ -39,10 +41,10 @@ _WHERE: Final = {
 
 
 def what_is_missing(error: ImportError) -> str | None:
-    """The sentence "rosbags is not installed; pip install 'softsim[recording]'"; None: no extra brings it."""
+    """Return which package is missing and how to install it, or None where no extra brings it."""
     module = (error.name or "").partition(".")[0]
     extra = BROUGHT_BY.get(module)
     if extra is None:
         return None
     package = f"ROS 2 ({module})" if extra == "ros" else module
-    return f"{package} is not installed; pip install 'softsim[{extra}]'{_WHERE.get(extra, '')}"
+    return f"{package} is not installed; {install_command(extra)}{_WHERE.get(extra, '')}"

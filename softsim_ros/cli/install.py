@@ -117,7 +117,7 @@ class Stages:
     def __init__(self, log: Path, total: int) -> None:
         """`total` stages will be shown; `log` is made anew."""
         self.log, self.total, self.number = log, total, 0
-        self.terminal = sys.stderr.isatty()
+        self.terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
         self.log.write_text("", encoding="utf-8")
 
     def run(

@@ -1,7 +1,8 @@
 """A robot as URDF: its links, joints with limits, pictures, and how ros2_control reaches it by topics.
 
-Lengths are metres. URDF wants a bound on every effort: where none is known it is UNKNOWN_EFFORT. Masses are
-left out, as they sit in the silicone and not in the links.
+Lengths are metres. URDF wants a bound on every effort: where none is known it is UNKNOWN_EFFORT. Masses sit
+in the silicone and not in the links; since programs that simulate refuse a moving link without one, each link
+is a small solid ball of LINK_MASS.
 """
 
 from __future__ import annotations
@@ -28,6 +29,12 @@ UNKNOWN_EFFORT: Final = 1000.0
 
 FARTHEST: Final = 1000.0
 """Bound of a slide's position in [m] that stands for none."""
+
+LINK_MASS: Final = 1.0e-3
+"""Mass in [kg] of every link but the base."""
+
+LINK_RADIUS: Final = 0.01
+"""Radius in [m] of the ball whose inertia a link has."""
 
 SHOWN_SUFFIXES: Final = (".stl", ".obj", ".dae")
 """Kinds of mesh file that programs which read URDF can show."""
@@ -111,6 +118,11 @@ def _add_joint(root: ElementTree.Element, link: Link, joint: JointDescription | 
 
 def _add_link(root: ElementTree.Element, link: Link, robot: RobotDescription, meshes: MeshNames) -> None:
     element = ElementTree.SubElement(root, "link", name=link.name)
+    inertial = ElementTree.SubElement(element, "inertial")
+    ElementTree.SubElement(inertial, "mass", value=_number(LINK_MASS))
+    moment = f"{0.4 * LINK_MASS * LINK_RADIUS**2:g}"
+    moments = {f"i{a}{b}": moment if a == b else "0" for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    ElementTree.SubElement(inertial, "inertia", moments)
     kind, _, name = link.part.partition("/")
     scene = robot.scene
     if kind == "joints":

@@ -9,6 +9,7 @@ from html import escape
 
 from softsim_core import RobotDescription
 from softsim_core.errors import SoftSimError
+from softsim_core.extras import install_command
 from softsim_core.scene import SceneCatalog
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.csv_files import diagnostic_row
@@ -75,7 +76,7 @@ def _scene(bag: Bag) -> RobotDescription | None:
 
 def _replay(bag: Bag) -> str:
     if importlib.util.find_spec("viser") is None:
-        return "<p>Left out: it needs viser (pip install 'softsim[viewer]').</p>"
+        return f"<p>Left out: it needs viser ({install_command('viewer')}).</p>"
     from softsim_ros.recording.html_replay import html_replay
 
     try:

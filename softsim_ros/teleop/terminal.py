@@ -15,6 +15,7 @@ from types import FrameType, TracebackType
 from typing import Any, Final
 
 from softsim_core.errors import SoftSimError
+from softsim_node.terminals import takes_escapes
 
 ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -155,7 +156,7 @@ class RawTerminal:
             descriptor = int(stream.fileno())
         except (AttributeError, OSError, ValueError):  # no stream, or a closed one
             return -1
-        return descriptor if os.isatty(descriptor) else -1
+        return descriptor if takes_escapes(descriptor) else -1
 
     def _take(self) -> None:
         assert self._saved is not None

@@ -269,4 +269,4 @@ def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> 
     records, missing = comparison.compare(low_case(), rounds=1)
     assert records == []
     assert len(missing) == 2
-    assert all("pip install 'softsim[" in sentence for sentence in missing)
+    assert all("pip install " in sentence for sentence in missing)

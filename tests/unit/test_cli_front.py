@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import softsim_core
+from softsim_core.extras import install_command
 from softsim_ros.cli import app, main
 from softsim_ros.cli.colours import Colours
 from softsim_ros.cli.parser import Parser
@@ -246,7 +247,7 @@ def test_without_argcomplete_a_sentence_says_so(
 ) -> None:
     monkeypatch.setitem(sys.modules, "argcomplete.shell_integration", None)
     assert main(["completion", "bash"]) == 1
-    assert "pip install 'softsim[completion]'" in capsys.readouterr().err
+    assert install_command("completion") in capsys.readouterr().err
 
 
 def test_wrong_choices_of_numbers_are_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from softsim_core.extras import install_command
 from softsim_ros.cli import main
 
 
@@ -82,4 +83,4 @@ def test_a_picture_is_written_or_its_lack_is_said(
         assert file.stat().st_size > 10_000
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert main(["material", "RTV615", "--out", str(file)]) == 1
-    assert "--out needs matplotlib; pip install 'softsim[report]'" in capsys.readouterr().err
+    assert f"--out needs matplotlib; {install_command('report')}" in capsys.readouterr().err

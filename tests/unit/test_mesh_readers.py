@@ -353,6 +353,12 @@ def test_meshio_is_imported_only_for_a_file_that_needs_it() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).resolve().parents[2])
 
 
+def test_writers_take_a_path_as_text(tmp_path: Path, box: TetMesh) -> None:
+    surface = read_surface(write_surface(str(tmp_path / "box.stl"), boundary_surface(box)))
+    assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(6.0)
+    assert len(read_tets(write_tets(str(tmp_path / "box.vtk"), box)).tets) == len(box.tets)
+
+
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, box: TetMesh) -> None:
     written(tmp_path, "file", "x")
     with pytest.raises(MeshError, match="cannot be written"):

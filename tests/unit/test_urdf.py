@@ -115,3 +115,12 @@ def test_the_parser_of_ros_reads_it(robot: str) -> None:
     read = parser.URDF.from_xml_string(urdf(load_scene(robot)).encode())
     assert read.get_root() == "base_link"
     assert read.get_chain("base_link", links_of(load_scene(robot))[-1].name)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_mujoco_reads_it(robot: str, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mujoco]'")
+    root = ElementTree.fromstring(urdf(load_scene(robot), meshes=lambda part, mesh: None))
+    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    assert model.nq >= len(load_scene(robot).joints)
+    assert (model.body_mass[1:] > 0.0).all()

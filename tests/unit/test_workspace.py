@@ -12,6 +12,7 @@ import pytest
 
 from softsim_core import load_scene
 from softsim_core.errors import SceneError
+from softsim_core.extras import install_command
 from softsim_core.inverse.workspace import Workspace, sample_workspace
 from softsim_core.mechanics.limits import JointLimits
 from softsim_ros.cli import main
@@ -111,5 +112,5 @@ def test_a_picture_needs_matplotlib(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert main(["workspace", "tripod", "--out", "w.png"]) == 1
     assert capsys.readouterr().err == (
-        "softsim workspace: --out needs matplotlib; pip install 'softsim[report]'\n"
+        f"softsim workspace: --out needs matplotlib; {install_command('report')}\n"
     )

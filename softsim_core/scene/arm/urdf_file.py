@@ -17,6 +17,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError, SceneError, listing
+from softsim_core.extras import install_command
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh.shapes import Shape
@@ -150,7 +151,7 @@ def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
         urdf = importlib.import_module("urdf_parser_py.urdf").URDF
         core: Any = importlib.import_module("urdf_parser_py.xml_reflection.core")
     except ImportError as error:
-        problem = "reading URDF needs urdfdom_py: pip install 'softsim[arm]' (or apt install "
+        problem = f"reading URDF needs urdfdom_py: {install_command('arm')} (or apt install "
         raise ConfigError(file, "", f"{problem}ros-jazzy-urdfdom-py)") from error
     says, core.on_error = core.on_error, lambda message: None  # of tags of other programs
     try:

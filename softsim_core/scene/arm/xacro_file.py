@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from softsim_core.errors import ConfigError
+from softsim_core.extras import install_command
 from softsim_core.scene.arm.packages import package_folders
 
 SUFFIX = ".xacro"
@@ -32,7 +33,7 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
         xacro: Any = importlib.import_module("xacro")
         substitution: Any = importlib.import_module("xacro.substitution_args")
     except ImportError as error:
-        problem = "is a xacro file, which xacro expands: pip install 'softsim[arm]' (or apt install "
+        problem = f"is a xacro file, which xacro expands: {install_command('arm')} (or apt install "
         raise ConfigError(file, "", f"{problem}ros-jazzy-xacro)") from error
     with _finding(substitution, file):
         try:

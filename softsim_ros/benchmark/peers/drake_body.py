@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_core.extras import install_command
 from softsim_core.mesh import TetMesh, write_tets
 from softsim_ros.benchmark.machine import version_of
 from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
@@ -36,7 +37,7 @@ class DrakeBody:
             from pydrake.systems.framework import DiagramBuilder
         except ImportError as error:
             raise PeerMissingError(
-                f"Drake is not measured ({error}): pip install 'softsim[peers]' (x86-64 Linux)"
+                f"Drake is not measured ({error}): {install_command('peers')} (x86-64 Linux)"
             ) from error
         self.version = version_of("drake") or ""
         self.name = "drake" if held else "drake_falling"

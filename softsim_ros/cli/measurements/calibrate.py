@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softsim_node.terminals import takes_escapes
 from softsim_ros.cli.measurements.calibrate_report import (
     Further,
     plain,
@@ -144,7 +145,8 @@ class _Progress:
     """A line on the terminal: what is done, how large the error is."""
 
     def __init__(self) -> None:
-        self._shown, self._begin, self._count, self._best = sys.stderr.isatty(), time.monotonic(), 0, np.inf
+        self._shown, self._begin = takes_escapes(sys.stderr), time.monotonic()
+        self._count, self._best = 0, np.inf
 
     def _line(self, text: str) -> None:
         if self._shown:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from softsim_core.errors import SoftSimError
 from softsim_core.identification.description import AlignmentDescription
 from softsim_core.identification.excitation import KINDS, ExcitationSettings
+from softsim_node.terminals import takes_escapes
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
@@ -254,7 +255,7 @@ class _Progress:
     """A line on the terminal: what is done, how long it will take; in a log, each thing once."""
 
     def __init__(self, total_s: float) -> None:
-        self._shown, self._total_s = sys.stdout.isatty(), total_s
+        self._shown, self._total_s = takes_escapes(sys.stdout), total_s
         self._begin, self._next, self._what = time.monotonic(), 0.0, ""
 
     def __call__(self, what: str, done_s: float) -> None:

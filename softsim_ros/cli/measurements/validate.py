@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from softsim_core.errors import DataError
 from softsim_core.wrong_names import known_names
+from softsim_node.terminals import takes_escapes
 
 if TYPE_CHECKING:
     from softsim_core.identification.description import SessionDescription
@@ -160,7 +161,7 @@ class _Progress:
     def __init__(self, session: Session) -> None:
         self._name = session.name
         self._what = "rows" if session.times is None else "steps"
-        self._shown, self._next = sys.stderr.isatty(), 0.0
+        self._shown, self._next = takes_escapes(sys.stderr), 0.0
         self._begin = time.monotonic()
         self._done = 0
 

@@ -7,6 +7,8 @@ import importlib.util
 import sys
 from pathlib import Path
 
+from softsim_core.extras import install_command
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -17,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the page."""
     if importlib.util.find_spec("matplotlib") is None:
-        print("softsim report: charts need matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
     from softsim_ros.recording.bag import Bag
     from softsim_ros.recording.report import report

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.errors import SceneError
+from softsim_core.extras import install_command
 from softsim_core.fem.materials import material
 from softsim_core.fem.materials.elastomers import (
     DEFAULT_FIT,
@@ -50,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the list, or one elastomer with its curve."""
     if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
-        print("softsim material: --out needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        print(f"softsim material: --out needs matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
     for name in ("density", "size"):
         value = getattr(arguments, name)

@@ -11,6 +11,7 @@ import warnings
 from pathlib import Path
 
 from softsim_core.errors import MeshError
+from softsim_core.extras import install_command
 from softsim_core.mesh.writers import write_tets
 from softsim_core.meshing import MeshedPart, MeshingOptions, mesh_part
 from softsim_core.meshing.part import UNITS
@@ -95,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"softsim mesh: --out {unknown[0]} must end in {' or '.join(WRITTEN)}", file=sys.stderr)
         return 2
     if arguments.picture is not None and importlib.util.find_spec("matplotlib") is None:
-        print("softsim mesh: --picture needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        print(f"softsim mesh: --picture needs matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
     made = mesh_part(arguments.part, options(arguments), say)
     for file in files:

@@ -11,6 +11,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softsim_core.extras import install_command
+from softsim_node.terminals import takes_escapes
+
 if TYPE_CHECKING:
     from softsim_core.inverse.workspace import Workspace
 
@@ -33,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sample, print the summary, draw."""
     if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
-        print("softsim workspace: --out needs matplotlib; pip install 'softsim[report]'", file=sys.stderr)
+        print(f"softsim workspace: --out needs matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
     if arguments.base_shift is not None and not math.isfinite(arguments.base_shift):
         print("softsim workspace: --base-shift must be a finite number of metres", file=sys.stderr)
@@ -64,7 +67,7 @@ class _Progress:
     """A line on the terminal that counts up; nothing where stderr is no terminal."""
 
     def __init__(self) -> None:
-        self._shown, self._next = sys.stderr.isatty(), 0.0
+        self._shown, self._next = takes_escapes(sys.stderr), 0.0
 
     def __call__(self, done: int, total: int) -> None:
         if self._shown and (time.monotonic() >= self._next or done == total):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from servo_bridge.board_node import BoardNode
 from servo_bridge.bridge_node import ServoBridge
 from softsim_node.ending import ending
+from softsim_node.terminals import takes_escapes
 from softsim_ros.simulator.simulator_node import Simulator
 
 LOOK_S = 0.2
@@ -35,7 +36,7 @@ def show_status(
     simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None, notice: Callable[[], str] = str
 ) -> None:
     """Show the line until the process shall end, and what `notice` says whenever that changes."""
-    terminal = sys.stdout.isatty()
+    terminal = takes_escapes(sys.stdout)
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
     shown, due, nap = "", 0.0, threading.Event()
     told = notice()

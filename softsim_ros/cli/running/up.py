@@ -8,6 +8,8 @@ import os
 import re
 import sys
 
+from softsim_node.terminals import takes_escapes
+
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
 
@@ -110,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
             port="" if arguments.board == SEARCH else arguments.board,
             send=arguments.send,
         )
-        interactive = sys.stdin.isatty() and sys.stdout.isatty() and not arguments.headless
+        interactive = sys.stdin.isatty() and takes_escapes(sys.stdout) and not arguments.headless
         return run_bring_up(
             scene,
             namespace,

@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from typing import IO, Final
 
+from softsim_core.extras import install_command
 from softsim_node.ending import ending
 
 ANNOUNCED: Final = "viewer: "
@@ -54,7 +55,7 @@ class WebPage:
         self._again = f"softsim run viewer --ros-args -r __ns:=/{namespace} -p robot:={robot}"
         self._process: subprocess.Popen[str] | None = None
         if importlib.util.find_spec("viser") is None:
-            self._last = "viser is not installed (pip install 'softsim[viewer]')"
+            self._last = f"viser is not installed ({install_command('viewer')})"
             self._settled.set()
             return
         parameters = {

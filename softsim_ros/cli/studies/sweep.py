@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.errors import StudyError
+from softsim_core.extras import install_command
+from softsim_node.terminals import takes_escapes
 
 if TYPE_CHECKING:
     from softsim_core.study.sweep import StudySummary, SweepOptions
@@ -108,7 +110,7 @@ def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> S
     if arguments.bags:
         for package, extra in (("rosbags", "recording"), ("rclpy", "ros")):
             if importlib.util.find_spec(package) is None:
-                raise StudyError(f"--bags needs {package}: pip install 'softsim[{extra}]'")
+                raise StudyError(f"--bags needs {package}: {install_command(extra)}")
         from softsim_ros.recording.run_bag import RunBags
 
         recorder = RunBags(store.absolute().with_suffix(".bags"))
@@ -155,7 +157,7 @@ class Progress:
     """A line on the terminal: runs done and failed, rate, time to go; else one line a minute."""
 
     def __init__(self) -> None:
-        self._terminal = sys.stderr.isatty()
+        self._terminal = takes_escapes(sys.stderr)
         self._begin, self._first, self._next, self._last = 0.0, 0, 0.0, (0, 0, 0)
 
     def line(self, text: str) -> None:

@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from softsim_core.extras import install_command
+
 LIMIT_S = {False: 5400, True: 600}
 """Time limits in [s], for what hangs."""
 
@@ -48,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 1
     if importlib.util.find_spec("pytest") is None or importlib.util.find_spec("xdist") is None:
-        print("softsim test: pytest or pytest-xdist is missing; pip install 'softsim[test]'", file=sys.stderr)
+        print(f"softsim test: pytest or pytest-xdist is missing; {install_command('test')}", file=sys.stderr)
         return 1
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile their sources
     subprocess.run([sys.executable, "-m", "softsim_core.warmup"], cwd=root, check=False)

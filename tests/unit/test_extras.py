@@ -1,0 +1,27 @@
+"""The command that a message advises installs into the Python that said it."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from softsim_core import extras
+
+
+def test_in_the_environment_of_a_checkout_it_names_that_python_and_its_pins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "prefix", "/somewhere/venv")
+    words = shlex.split(extras.install_command("study"))
+    root = Path(extras.__file__).resolve().parents[1]
+    assert words[:4] == [sys.executable, "-m", "pip", "install"]
+    assert words[4:] == ["-c", str(root / "constraints.txt"), "-e", f"{root}[study]"]
+    assert Path(words[5]).is_file()
+
+
+def test_elsewhere_it_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
+    assert extras.install_command("study") == "pip install 'softsim[study]'"
