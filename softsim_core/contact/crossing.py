@@ -30,14 +30,13 @@ def surfaces_cross(first: Array, second: Array) -> bool:
 
 
 def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:
-    """Two triangles of one surface that have no vertex in common and cross, or None.
+    """Return the first two triangles found that have no vertex in common and cross, or None.
 
     Args:
         corners: Corners in [m], shape (k, 3, 3).
         triangles: Their vertices, shape (k, 3).
     """
-    found = crossings(corners, triangles)
-    return (int(found[0, 0]), int(found[0, 1])) if len(found) else None
+    return next(((int(each[0, 0]), int(each[0, 1])) for each in _hits(corners, triangles) if len(each)), None)
 
 
 def crossings(corners: Array, triangles: IndexArray) -> IndexArray:
@@ -47,14 +46,17 @@ def crossings(corners: Array, triangles: IndexArray) -> IndexArray:
         corners: Corners in one unit, shape (k, 3, 3).
         triangles: Their vertices, shape (k, 3).
     """
-    found = [np.empty((0, 2), dtype=np.int64)]
+    pairs = np.concatenate([np.empty((0, 2), dtype=np.int64), *_hits(corners, triangles)])
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _hits(corners: Array, triangles: IndexArray) -> Iterator[IndexArray]:
+    """Pairs of triangles that cross, some at a time, shape (c, 2)."""
     for i, j in _near_pairs(corners):
         strangers = (triangles[i][:, :, None] != triangles[j][:, None, :]).all(axis=(1, 2))
         i, j = i[strangers], j[strangers]
         hit = _pierce(corners[i], corners[j]) | _pierce(corners[j], corners[i])
-        found.append(np.sort(np.column_stack([i, j])[hit], axis=1))
-    pairs = np.concatenate(found)
-    return pairs[np.lexsort(pairs.T[::-1])]
+        yield np.sort(np.column_stack([i, j])[hit], axis=1)
 
 
 def _near_pairs(corners: Array) -> Iterator[tuple[IndexArray, IndexArray]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,7 +53,9 @@ def may_meet(a: CollisionSurface, b: CollisionSurface) -> bool:
     return a.owner != b.owner or bool(a.groups and b.groups)
 
 
-def check_surface(points: Array, triangles: IndexArray, name: str, *, closed: bool = False) -> None:
+def check_surface(
+    points: Array, triangles: IndexArray, name: str, *, closed: bool = False, carried: bool = False
+) -> None:
     """Refuse a surface that cannot be used for contact.
 
     Args:
@@ -60,6 +63,8 @@ def check_surface(points: Array, triangles: IndexArray, name: str, *, closed: bo
         triangles: Vertex indices, shape (k, 3).
         name: What it is called in the message.
         closed: Whether it must enclose a volume (a body with mass).
+        carried: Whether it belongs to a rigid body that something carries, such as a link of an arm: one that
+            crosses itself is used with a warning then.
 
     Raises:
         SceneError: it has a triangle without area, crosses itself, or is open where it must be closed.
@@ -78,7 +83,12 @@ def check_surface(points: Array, triangles: IndexArray, name: str, *, closed: bo
     crossing = self_crossing(corners, triangles)
     if crossing is not None:
         where = ", ".join(f"{x:.4g}" for x in corners[crossing[0]].mean(axis=0))
-        raise SceneError(
-            f"surface {name}: triangles {crossing[0]} and {crossing[1]} cross each other near ({where}) m; "
-            "repair the mesh so that the surface does not cross itself"
+        one, other = crossing
+        problem = f"surface {name}: triangles {one} and {other} cross each other near ({where}) m"
+        if not carried:
+            raise SceneError(f"{problem}; repair the mesh so that the surface does not cross itself")
+        warnings.warn(
+            f"{problem}; what gets between its parts may be pushed the wrong way: repair the mesh, take its "
+            "convex hull, or leave the body out of `collisions` (an arm: `touch: false`)",
+            stacklevel=3,
         )

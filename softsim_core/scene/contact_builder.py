@@ -59,7 +59,8 @@ def contacts(
         if sphere:
             surface = SurfaceMesh(np.zeros((1, 3)), np.zeros((0, 3), np.int64), surface.name)
         else:
-            check_surface(surface.points, surface.triangles, name)
+            carried = not soft and thing.free < 0
+            check_surface(surface.points, surface.triangles, name, carried=carried)
         size = len(surface.points)
         vertices = slice(first, first + size)
         if not soft:

@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from softsim_core import (
+    CollisionDescription,
+    ContactSettings,
+    MeshFile,
+    Placement,
+    RigidBodyDescription,
+    SceneDescription,
+    Shape,
+    Simulation,
+    SurfaceMesh,
+    write_surface,
+)
 from softsim_core.contact import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.pose import rotation_exp
@@ -88,6 +102,33 @@ def test_a_surface_that_crosses_itself_is_refused() -> None:
     bent[np.argmax(points @ [1.0, 1.0, 1.0])] -= [0.015, 0.03, 0.0]
     with pytest.raises(SceneError, match=r"surface bent: triangles .* cross each other"):
         check_surface(bent, triangles, "bent")
+    with pytest.warns(UserWarning, match=r"surface bent: triangles .* cross each other .* `touch: false`"):
+        check_surface(bent, triangles, "bent", carried=True)
+
+
+def test_a_carried_body_whose_mesh_crosses_itself_is_used_with_a_warning(tmp_path: Path) -> None:
+    one, two = (boundary_surface(box_mesh((0.1, 0.1, 0.02), (1, 1, 1), (x, 0.0, 0.0))) for x in (0.0, 0.05))
+    points = np.concatenate([one.points, two.points + [0.0, 0.013, 0.007]])
+    triangles = np.concatenate([one.triangles, two.triangles + len(one.points)])
+    file = write_surface(tmp_path / "link.stl", SurfaceMesh(points, triangles))
+    ball = RigidBodyDescription(
+        name="ball", shape=Shape(sphere=0.01), mass=0.01, pose=Placement(translation=(0.03, 0.05, 0.0315))
+    )
+    link = RigidBodyDescription(name="link", shape=Shape(mesh=MeshFile(file=file)))
+    scene = SceneDescription(
+        name="link",
+        rigid_bodies=(link, ball),
+        collisions=(
+            CollisionDescription(name="link", body="link"),
+            CollisionDescription(name="b", body="ball"),
+        ),
+        contact=ContactSettings(alarm_distance=0.005, contact_distance=0.0005),
+    )
+    with pytest.warns(UserWarning, match="cross each other"):
+        simulation = Simulation(scene)
+    for _ in range(20):
+        simulation.step()
+    assert simulation.rigid_poses[1].position[2] == pytest.approx(0.0305, abs=6e-4)
 
 
 def test_a_triangle_without_area_is_refused() -> None:
