@@ -244,7 +244,8 @@ def _suffix_of_content(data: bytes, file: Path) -> str | None:
     if start.startswith(b"# vtk DataFile"):
         found = re.search(rb"^\s*DATASET\s+(\w+)", start, re.MULTILINE)
         kind = found[1].decode() if found else None
-        known, suffix = _VTK_KINDS, ".vtk"
+        known: tuple[str, ...] = _VTK_KINDS
+        suffix = ".vtk"
     elif start.startswith(b"<") and (xml := re.search(rb"<VTKFile\b[^>]*?\btype\s*=\s*[\"'](\w+)", start)):
         kind, known, suffix = xml[1].decode(), ("UnstructuredGrid",), ".vtu"
     else:

@@ -67,8 +67,8 @@ def split_cells(
         parts[kind] = (np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(owners, dtype=np.int64))
     if centres:
         points = np.concatenate([points, centres])
-    for kind, (rows, owners) in parts.items():
-        _refuse_folded(points, rows, owners, kind, cells[kind], file)
+    for kind, (split, whole) in parts.items():
+        _refuse_folded(points, split, whole, kind, cells[kind], file)
     return points, parts
 
 

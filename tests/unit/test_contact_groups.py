@@ -108,7 +108,7 @@ def test_a_surface_that_crosses_itself_is_refused() -> None:
 
 def test_a_carried_body_whose_mesh_crosses_itself_is_used_with_a_warning(tmp_path: Path) -> None:
     one, two = (boundary_surface(box_mesh((0.1, 0.1, 0.02), (1, 1, 1), (x, 0.0, 0.0))) for x in (0.0, 0.05))
-    points = np.concatenate([one.points, two.points + [0.0, 0.013, 0.007]])
+    points = np.concatenate([one.points, two.points + np.array([0.0, 0.013, 0.007])])
     triangles = np.concatenate([one.triangles, two.triangles + len(one.points)])
     file = write_surface(tmp_path / "link.stl", SurfaceMesh(points, triangles))
     ball = RigidBodyDescription(
@@ -118,10 +118,7 @@ def test_a_carried_body_whose_mesh_crosses_itself_is_used_with_a_warning(tmp_pat
     scene = SceneDescription(
         name="link",
         rigid_bodies=(link, ball),
-        collisions=(
-            CollisionDescription(name="link", body="link"),
-            CollisionDescription(name="b", body="ball"),
-        ),
+        collisions=tuple(CollisionDescription(name=name, body=name) for name in ("link", "ball")),
         contact=ContactSettings(alarm_distance=0.005, contact_distance=0.0005),
     )
     with pytest.warns(UserWarning, match="cross each other"):
