@@ -11,13 +11,13 @@ may a servo.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from softsim_core.errors import ConfigError, SceneError
+from softsim_core.file_writing import write_file
 from softsim_core.scene.board import BusServo, Servo, ServoCalibration
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_source import read_yaml
@@ -106,18 +106,7 @@ def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
         lines.append("  - {" + ", ".join(f"{key}: {value}" for key, value in values.items()) + "}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        number, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        fresh = Path(name)
-        try:
-            with os.fdopen(number, "w", encoding="utf-8") as stream:
-                stream.write("\n".join(lines) + "\n")
-                stream.flush()
-                os.fsync(stream.fileno())
-            fresh.chmod(0o644)
-            fresh.replace(file)
-        except BaseException:
-            fresh.unlink(missing_ok=True)
-            raise
+        write_file(file, "\n".join(lines) + "\n")
     except OSError as error:
         raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
 

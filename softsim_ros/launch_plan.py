@@ -14,6 +14,7 @@ from typing import Final
 
 from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import ConfigError
+from softsim_core.file_writing import write_file
 from softsim_core.wrong_names import one_of
 from softsim_node.frames import prefix_of
 from softsim_ros.description.controllers import CONTROLLER, controllers
@@ -104,7 +105,7 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
         nodes += [PlannedNode("softsim_ros", name, shared)] if wanted == "true" else []
     if wishes.control == "true":
         file = folder / "controllers.yaml"
-        file.write_text(controllers(robot, namespace), encoding="utf-8")
+        write_file(file, controllers(robot, namespace))
         spawned = (CONTROLLER, "--param-file", str(file))
         nodes += [
             PlannedNode("controller_manager", "ros2_control_node", parameter_file=file, ends_all=True),
@@ -112,7 +113,7 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
         ]
     if wishes.rviz == "true":
         file = folder / "view.rviz"
-        file.write_text(rviz_config(robot, prefix_of(namespace)), encoding="utf-8")
+        write_file(file, rviz_config(robot, prefix_of(namespace)))
         nodes.append(PlannedNode("rviz2", "rviz2", arguments=("-d", str(file))))
     teleop = f"ros2 run softsim_ros teleop --ros-args -p robot:={wishes.robot} -r __ns:=/{namespace}"
     if wishes.enclaves == "true":

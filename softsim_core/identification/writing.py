@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import yaml
 
 from softsim_core.arrays import Array
+from softsim_core.file_writing import write_file
 from softsim_core.identification.calibration import (
     FILE,
     CalibrationDescription,
@@ -37,21 +39,19 @@ def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] =
     """
     head = "".join(f"# {note}\n" for note in notes) + ",".join(columns)
     rows = np.column_stack(list(columns.values()))
-    np.savetxt(file, rows, "%.9g", ",", header=head, comments="")
+    text = io.StringIO()
+    np.savetxt(text, rows, "%.9g", ",", header=head, comments="")
+    write_file(file, text.getvalue())
 
 
 def write_description(folder: Path, description: DataSetDescription) -> Path:
     """The description of a data set as its dataset.yaml, without what is as by default; returns the file."""
-    file = folder / DESCRIPTION
-    file.write_text(_yaml(plain(description)), encoding="utf-8")
-    return file
+    return write_file(folder / DESCRIPTION, _yaml(plain(description)))
 
 
 def write_calibration(folder: Path, calibration: CalibrationDescription) -> Path:
     """A calibration beside its data set, as its calibration.yaml; returns the file."""
-    file = folder / FILE
-    file.write_text(_yaml(plain(calibration)), encoding="utf-8")
-    return file
+    return write_file(folder / FILE, _yaml(plain(calibration)))
 
 
 def first_calibration(

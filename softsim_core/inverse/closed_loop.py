@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, ConfigError
+from softsim_core.file_writing import open_in_place
 
 COLUMNS = ("time", "x_reference", "x_command", "x_measure", "z_reference", "z_command", "z_measure")
 """Columns of the log. Its axes are those of a frame with y up: x is our y (tilt_y), z is our x (tilt_x)."""
@@ -147,7 +148,7 @@ class ClosedLoopLog:
     def __init__(self, file: str | PathLike[str]) -> None:
         self.file = Path(file)
         try:
-            self._stream: TextIO = self.file.open("w", newline="")
+            self._stream: TextIO = open_in_place(self.file, "w", newline="")
         except OSError as error:
             raise ConfigError(
                 self.file, "", f"cannot be written: {error.strerror}; name another file"

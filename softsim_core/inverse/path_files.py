@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from os import PathLike, fspath
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError, listing
+from softsim_core.file_writing import write_file
 from softsim_core.inverse.paths import EffectorPath, PathRefusedError, maze_path
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.files import config_roots
@@ -133,12 +135,12 @@ def write_csv_path(file: str | PathLike[str], path: EffectorPath) -> None:
     Raises:
         ConfigError: the file cannot be written.
     """
-    table = np.column_stack([path.times, path.positions, path.quaternions])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    writer.writerows(np.column_stack([path.times, path.positions, path.quaternions]).tolist())
     try:
-        with Path(file).open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(CSV_COLUMNS)
-            writer.writerows(table.tolist())
+        write_file(Path(file), text.getvalue())
     except OSError as error:
         raise ConfigError(file, "", f"cannot be written: {error.strerror}") from error
 

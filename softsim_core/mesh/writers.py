@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.errors import MeshError
+from softsim_core.file_writing import write_file
 from softsim_core.mesh.surface import triangle_normals
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 
@@ -90,6 +91,6 @@ def write_surface(path: str | PathLike[str], surface: SurfaceMesh, unit: str = "
 def _write(path: Path, *parts: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(b"".join(parts))
+        write_file(path, b"".join(parts))
     except OSError as error:
         raise MeshError(path, f"cannot be written: {error.strerror or error}") from error

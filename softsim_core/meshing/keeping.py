@@ -6,12 +6,12 @@ import contextlib
 import hashlib
 import json
 import os
-import secrets
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from softsim_core.errors import MeshError
+from softsim_core.file_writing import write_file
 from softsim_core.mesh.readers import read_tets
 from softsim_core.mesh.types import TetMesh
 from softsim_core.mesh.writers import write_tets
@@ -47,16 +47,10 @@ def kept(key: str) -> tuple[TetMesh, float] | None:
 def keep(key: str, mesh: TetMesh, edge: float) -> bool:
     """Keep a mesh, whole or not at all; whether it could be written."""
     folder = cache_folder()
-    aside = folder / f".{key}.{secrets.token_hex(8)}.vtk"
     try:
-        write_tets(aside, mesh)
-        text = aside.with_suffix(".txt")
-        text.write_text(repr(edge))
-        text.replace(folder / f"{key}.txt")
-        aside.replace(folder / f"{key}.vtk")
+        folder.mkdir(parents=True, exist_ok=True)
+        write_file(folder / f"{key}.txt", repr(edge))
+        write_tets(folder / f"{key}.vtk", mesh)
     except (MeshError, OSError):
-        for file in (aside, aside.with_suffix(".txt")):
-            with contextlib.suppress(OSError):
-                file.unlink()
         return False
     return True

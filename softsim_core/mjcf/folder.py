@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from softsim_core.errors import MjcfError
+from softsim_core.file_writing import write_file
 from softsim_core.mesh import TetMesh, write_surface, write_tets
 from softsim_core.mjcf.importing import ImportedScene
 from softsim_core.scene.portable import write_description
@@ -42,7 +43,7 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
         written = folder / f"{scene.name}.yaml"
         robot = as_robot(replace(scene, bodies=tuple(bodies)))
         text = write_description(robot, given_only=True)
-        written.write_text(_head(imported, origin) + text, encoding="utf-8")
+        write_file(written, _head(imported, origin) + text)
     except OSError as error:
         raise MjcfError(folder, f"cannot be written: {error.strerror or error}") from error
     return written

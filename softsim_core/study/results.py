@@ -14,6 +14,7 @@ import numpy as np
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.errors import StudyError
 from softsim_core.extras import install_command
+from softsim_core.file_writing import write_file
 from softsim_core.study.single import DONE, STATUS_WORDS
 from softsim_core.study.store import zarr_package
 
@@ -115,6 +116,8 @@ def write_parquet(results: StudyResults, file: Path) -> None:
     }
     table = arrow.table(list(map(arrow.array, columns.values())), schema=arrow.schema(fields, metadata=told))
     try:
-        parquet.write_table(table, str(file))
+        data = arrow.BufferOutputStream()
+        parquet.write_table(table, data)
+        write_file(file, data.getvalue().to_pybytes())
     except OSError as error:
         raise StudyError(f"{file} cannot be written ({error.strerror or error})") from error

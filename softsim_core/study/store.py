@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import importlib
 import json
-import os
 import shutil
 import warnings
 from collections.abc import Mapping
@@ -25,6 +24,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import StudyError
 from softsim_core.extras import install_command
+from softsim_core.file_writing import make_folder, open_in_place, refuse_links
 from softsim_core.study.single import PENDING, RAISED, STATUS_WORDS, Outcome
 
 JOURNAL = "journal"
@@ -92,6 +92,7 @@ class Store:
         self._lock = locked(folder)
         try:
             self._need_same()
+            refuse_links(folder)
             for torn in folder.rglob("*.partial"):  # Zarr was killed as it wrote them
                 torn.unlink()
             self._group = zarr_package().open_group(str(folder), mode="r+", use_consolidated=False)
@@ -99,6 +100,9 @@ class Store:
             self._rows: dict[int, dict[str, Any]] = {}
             self._open: dict[int, IO[str]] = {}
             self._read_journals()
+        except OSError as error:
+            self._lock.close()
+            raise StudyError(f"{folder} cannot be written ({error.strerror})") from error
         except BaseException:
             self._lock.close()
             raise
@@ -156,8 +160,9 @@ class Store:
         try:
             journal = self._open.get(block)
             if journal is None:
-                (self.folder / JOURNAL).mkdir(exist_ok=True)
-                journal = self._open[block] = self._journal(block).open("a", encoding="utf-8")
+                make_folder(self.folder / JOURNAL)
+                journal = open_in_place(self._journal(block), "a", encoding="utf-8")
+                self._open[block] = journal
             journal.write(json.dumps(row) + "\n")
             journal.flush()
             self._take(row)
@@ -217,7 +222,8 @@ class Store:
                     if self.status[number] == PENDING or number in self._rows:
                         self._take(row)
             if good < file.stat().st_size:
-                os.truncate(file, good)
+                with open_in_place(file, "r+b") as stream:
+                    stream.truncate(good)
             if all(
                 self.status[number] != PENDING and number not in self._rows for number in self._range(block)
             ):
@@ -247,7 +253,7 @@ def _create(folder: Path, plan: Plan) -> None:
     making = folder.with_name(f".{folder.name}.new")
     try:
         shutil.rmtree(making, ignore_errors=True)
-        making.parent.mkdir(parents=True, exist_ok=True)
+        making.mkdir(parents=True)
         group = zarr.create_group(str(making), attributes=dict(plan.attributes))
         size = max(1, min(plan.block, plan.runs))
         for column in plan.columns:

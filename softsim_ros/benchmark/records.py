@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from softsim_core.file_writing import write_file
 from softsim_ros.benchmark.touching import HELD_MS, LIMITS
 
 HELD_LIMIT = 1.0 / 6.0
@@ -122,4 +123,4 @@ def write_json(records: Iterable[Measured], file: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    file.write_text(json.dumps([record.as_json() for record in records], indent=1) + "\n", encoding="utf-8")
+    write_file(file, json.dumps([record.as_json() for record in records], indent=1) + "\n")

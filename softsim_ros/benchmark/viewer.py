@@ -19,6 +19,7 @@ from typing import IO, Final
 
 import numpy as np
 
+from softsim_core.file_writing import open_in_place, write_file
 from softsim_core.mesh import SurfaceMesh, read_surface
 from softsim_core.mesh.writers import write_surface
 from softsim_core.scene.files import config_file, find_config
@@ -152,13 +153,13 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        log = stack.enter_context((folder / "log.txt").open("w"))
+        log = stack.enter_context(open_in_place(folder / "log.txt", "w"))
         surface = subdivided(read_surface(config_file("meshes/tripod_mid.stl"), Placement()))
         write_surface(folder / "fine.stl", surface)
-        robot = folder / "tripod_watched.yaml"
-        robot.write_text(
+        robot = write_file(
+            folder / "tripod_watched.yaml",
             f"extends: {find_config('tripod_mid')}\n"
-            "bodies:\n  - name: silicone\n    surface: {file: fine.stl}\n"
+            "bodies:\n  - name: silicone\n    surface: {file: fine.stl}\n",
         )
         simulator = _start(NODE_MODULE, log, environment, f"robot:={robot}")
         stack.callback(end_process, simulator)

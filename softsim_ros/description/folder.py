@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from softsim_core import RobotDescription
+from softsim_core.file_writing import make_folder, write_file
 from softsim_core.mesh.writers import write_surface
 from softsim_core.simulation.scene_state import SceneState
 from softsim_core.values import MeshFile
@@ -41,7 +42,7 @@ def write_folder(robot: RobotDescription, folder: Path, namespace: str) -> list[
     meshes: list[Path] = []
 
     def write(part: str, mesh: MeshFile | None) -> tuple[str, None]:
-        file = folder.absolute() / "meshes" / f"{part.replace('/', '_')}.stl"
+        file = make_folder(folder.absolute() / "meshes") / f"{part.replace('/', '_')}.stl"
         meshes.append(write_surface(file, surfaces[part]))
         return file.as_uri(), None
 
@@ -49,5 +50,5 @@ def write_folder(robot: RobotDescription, folder: Path, namespace: str) -> list[
     texts = {f"{robot.name}.urdf": text, **companions(robot, namespace)}
     folder.mkdir(parents=True, exist_ok=True)
     for name, each in texts.items():
-        (folder / name).write_text(each, encoding="utf-8")
+        write_file(folder / name, each)
     return [*(folder / name for name in texts), *meshes]

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
+from softsim_core.file_writing import open_in_place
 from softsim_ros.recording.torn_files import DATA_END, MAGIC
 
 CRC_OFFSET: Final = 9 + 24
@@ -89,7 +90,7 @@ class ChecksummedMcap(McapWriter):
     def close(self, version: int, metadata: str) -> None:
         """Write index and metadata, with the checksums of the data and of the index."""
         super().close(version, metadata)
-        with self.path.open("r+b") as stream:
+        with open_in_place(self.path, "r+b") as stream:
             begin, end, _ = _footer(stream)
             self._count(begin - _DATA_END.size)
             stream.seek(begin - 4)

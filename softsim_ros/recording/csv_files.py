@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from softsim_core.file_writing import write_file
 from softsim_ros.recording.bag import Bag
 
 LONGEST = 64
@@ -126,7 +128,8 @@ def _safe(name: str) -> str:
 def _write(file: Path, rows: Iterable[Row]) -> None:
     rows = list(rows)
     columns = list(dict.fromkeys(column for row in rows for column in row))
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_file(file, text.getvalue())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 from pathlib import Path
 
+from softsim_core.file_writing import put_in_place, refuse_links, write_file
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import BagError
@@ -19,6 +20,10 @@ def repair(path: Path) -> str:
         RecordingError: it cannot be written.
     """
     path = path.expanduser()
+    try:
+        refuse_links(path)
+    except OSError as error:
+        raise BagError(path, f"cannot be repaired ({error.strerror})") from error
     files = sorted(path.glob("*.mcap"))
     if len(files) != 1:
         raise BagError(path, "is no folder with one .mcap file; only such bags can be repaired")
@@ -41,6 +46,7 @@ def repair(path: Path) -> str:
 def _write_again(folder: Path, file: Path) -> int:
     """Copy the messages into a bag with index and metadata, and put its files in place."""
     aside = folder / "repaired"
+    _clear(aside)
     with Bag(file) as torn:
         writer = BagWriter(aside, {"robot": torn.robot, "namespace": torn.namespace})
         for topic, type_name in torn.topics.items():
@@ -49,9 +55,24 @@ def _write_again(folder: Path, file: Path) -> int:
         for message in torn.raw_messages():
             writer.write(message.topic, message.stamp_ns, message.data)
         writer.close()
-    (aside / "repaired.mcap").replace(file)
+    put_in_place(aside / "repaired.mcap", file)
     metadata = (aside / "metadata.yaml").read_text().replace("repaired.mcap", file.name)
-    (folder / "metadata.yaml").write_text(metadata)
-    (aside / "metadata.yaml").unlink()
-    aside.rmdir()
+    write_file(folder / "metadata.yaml", metadata)
+    _clear(aside)
     return writer.count
+
+
+def _clear(aside: Path) -> None:
+    """Remove the folder of a repair, also of one that was ended before its last step.
+
+    Raises:
+        BagError: it holds something else.
+    """
+    for name in ("repaired.mcap", "metadata.yaml"):
+        (aside / name).unlink(missing_ok=True)
+    try:
+        aside.rmdir()
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise BagError(aside, f"is not of a repair ({error.strerror}); move it away") from error

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from softsim_core.file_writing import make_folder
 from softsim_core.simulation import Simulation
 
 PERIOD_S = 1.0 / 30.0
@@ -34,8 +35,8 @@ class _RunBag:
     def __init__(self, folder: Path) -> None:
         self._folder, self._next = folder, 0.0
         self._writer: Any = None
+        make_folder(folder.parent)
         shutil.rmtree(folder, ignore_errors=True)
-        folder.parent.mkdir(parents=True, exist_ok=True)
 
     def look(self, simulation: Simulation) -> None:
         """Write the state that is now."""

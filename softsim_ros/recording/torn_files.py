@@ -10,6 +10,7 @@ import struct
 from pathlib import Path
 from typing import BinaryIO
 
+from softsim_core.file_writing import open_in_place
 from softsim_ros.recording.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -33,7 +34,7 @@ def end_torn_file(file: Path) -> None:
         BagError: it is no MCAP file.
         OSError: it cannot be written.
     """
-    with file.open("r+b") as stream:
+    with open_in_place(file, "r+b") as stream:
         end = _sound_length(stream)
         if end <= len(MAGIC):
             raise BagError(file, "is not an MCAP file, or was cut before its first record; nothing to save")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import meshio
 
+from softsim_core.file_writing import make_folder, put_in_place, write_file
 from softsim_ros.recording.surface_frames import MeshFrame
 
 
@@ -23,17 +25,19 @@ def write_vtu_series(frames: Iterable[MeshFrame], kind: str, folder: Path, name:
     Returns:
         The PVD file and the number of frames; points in [m], `von_mises` in [Pa] at the points.
     """
-    (folder / name).mkdir(exist_ok=True)
+    make_folder(folder / name)
     entries = []
-    for number, frame in enumerate(frames):
-        file = f"{name}/{name}_{number:05d}.vtu"
-        mesh = meshio.Mesh(frame.points, [(kind, frame.cells)], point_data={"von_mises": frame.von_mises})
-        meshio.write(folder / file, mesh, file_format="vtu")
-        entries.append(f'    <DataSet timestep="{frame.time_s!r}" part="0" file={quoteattr(file)}/>\n')
-    pvd = folder / f"{name}.pvd"
-    pvd.write_text(
+    with tempfile.TemporaryDirectory(dir=folder) as aside:
+        new = Path(aside, "new.vtu")
+        for number, frame in enumerate(frames):
+            file = f"{name}/{name}_{number:05d}.vtu"
+            mesh = meshio.Mesh(frame.points, [(kind, frame.cells)], point_data={"von_mises": frame.von_mises})
+            meshio.write(new, mesh)
+            put_in_place(new, folder / file)
+            entries.append(f'    <DataSet timestep="{frame.time_s!r}" part="0" file={quoteattr(file)}/>\n')
+    pvd = write_file(
+        folder / f"{name}.pvd",
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
         f"  <Collection>\n{''.join(entries)}  </Collection>\n</VTKFile>\n",
-        encoding="utf-8",
     )
     return pvd, len(entries)

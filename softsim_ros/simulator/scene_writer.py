@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from softsim_core.errors import ConfigError
+from softsim_core.file_writing import write_file
 from softsim_core.scene.files import installed_roots
-from softsim_ros.simulator.whole_file import write_whole
 
 MOST_BYTES: Final = 4_000_000
 SUFFIXES: Final = (".yaml", ".yml")
@@ -84,12 +84,7 @@ class SceneWriter:
                 "or save a copy",
             )
         try:
-            folder = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                mode = stat.S_IMODE(os.stat(file.name, dir_fd=folder, follow_symlinks=False).st_mode)
-                write_whole(folder, file.name, text.encode(), mode=mode)
-            finally:
-                os.close(folder)
+            write_file(file, text)
         except OSError as error:
             raise ConfigError(file, "", f"not saved: {error.strerror}") from error
 
@@ -103,11 +98,7 @@ class SceneWriter:
             raise ConfigError(f"{name}.yaml", "", "not saved: the folder of the start command is gone")
         file = self._start_folder / f"{name}.yaml"
         try:
-            folder = os.open(self._start_folder, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                write_whole(folder, file.name, text.encode(), mode=0o644, replaces=False)
-            finally:
-                os.close(folder)
+            write_file(file, text, replaces=False)
         except FileExistsError as error:
             raise ConfigError(file, "", "not saved: there is a file of this name; move it away") from error
         except OSError as error:

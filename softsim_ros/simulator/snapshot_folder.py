@@ -6,15 +6,15 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from softsim_core.errors import SnapshotError
+from softsim_core.file_writing import write_file
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.simulator.whole_file import write_whole
 
 MOST_BYTES: Final = 2**30
 """A larger file is no snapshot."""
@@ -82,10 +82,9 @@ class SnapshotFolder:
         file = self.file(name)
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with self._opened() as folder:
-                with suppress(FileNotFoundError):
-                    _need_ordinary(file, os.stat(file.name, dir_fd=folder, follow_symlinks=False))
-                write_whole(folder, file.name, data)
+            with suppress(FileNotFoundError):
+                _need_ordinary(file, file.lstat())
+            write_file(file, data, mode=0o600)
         except OSError as error:
             raise SnapshotError(
                 f"snapshot {file} not written: {error.strerror}; start with another snapshot_folder"
@@ -101,25 +100,15 @@ class SnapshotFolder:
         """
         file = self.file(name)
         try:
-            with self._opened() as folder:
-                _need_ordinary(file, os.stat(file.name, dir_fd=folder, follow_symlinks=False))
-                flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # what was put there since does not block
-                with os.fdopen(os.open(file.name, flags, dir_fd=folder), "rb") as stream:
-                    _need_ordinary(file, os.fstat(stream.fileno()))
-                    return stream.read(MOST_BYTES)
+            _need_ordinary(file, file.lstat())
+            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # what was put there since does not block
+            with os.fdopen(os.open(file, flags), "rb") as stream:
+                _need_ordinary(file, os.fstat(stream.fileno()))
+                return stream.read(MOST_BYTES)
         except FileNotFoundError as error:
             raise SnapshotError(f"snapshot {file} does not exist; save one first") from error
         except OSError as error:
             raise SnapshotError(f"snapshot {file} not read: {error.strerror}") from error
-
-    @contextmanager
-    def _opened(self) -> Iterator[int]:
-        """Descriptor of the folder, for the `with` block."""
-        descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            yield descriptor
-        finally:
-            os.close(descriptor)
 
 
 def _need_ordinary(file: Path, status: os.stat_result) -> None:

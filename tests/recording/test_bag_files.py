@@ -100,6 +100,47 @@ def test_a_killed_recording_is_repaired_to_its_last_flush(tmp_path: Path) -> Non
     assert "nothing to repair" in repair(tmp_path / "bag")
 
 
+@pytest.mark.parametrize("name", ["metadata.yaml", "bag.mcap", "repaired"])
+def test_a_downloaded_recording_with_a_link_is_refused_and_its_target_kept(tmp_path: Path, name: str) -> None:
+    torn(tmp_path / "bag", rows(30))
+    place, target = tmp_path / "bag" / name, tmp_path / "mine"
+    if name == "bag.mcap":
+        place.rename(target)
+    elif name == "repaired":
+        target.mkdir()
+    else:
+        target.write_text("mine")
+    place.symlink_to(target)
+    before = target.read_bytes() if target.is_file() else None
+    with pytest.raises(BagError, match=f"{name} is a link, and nothing is written through links"):
+        repair(tmp_path / "bag")
+    assert (target.read_bytes() if target.is_file() else None) == before
+    assert before is not None or list(target.iterdir()) == []
+
+
+def test_a_repair_that_was_ended_is_begun_again(tmp_path: Path) -> None:
+    written = rows(300)
+    torn(tmp_path / "bag", written)
+    left = tmp_path / "bag" / "repaired"
+    left.mkdir()
+    (left / "repaired.mcap").write_bytes(b"half of it")
+    repair(tmp_path / "bag")
+    assert read(tmp_path / "bag") == written
+    assert not left.exists()
+    (tmp_path / "bag" / "metadata.yaml").unlink()  # ended before its last step
+    repair(tmp_path / "bag")
+    assert read_independently(tmp_path / "bag") == written
+
+
+def test_a_folder_of_that_name_with_other_files_is_kept(tmp_path: Path) -> None:
+    torn(tmp_path / "bag", rows(30))
+    (tmp_path / "bag" / "repaired").mkdir()
+    (tmp_path / "bag" / "repaired" / "notes.txt").write_text("mine")
+    with pytest.raises(BagError, match=r"repaired: is not of a repair .*move it away"):
+        repair(tmp_path / "bag")
+    assert (tmp_path / "bag" / "repaired" / "notes.txt").read_text() == "mine"
+
+
 @pytest.mark.parametrize("length", [45, 60, 500, 4000, 20_000])
 def test_a_file_cut_anywhere_can_be_closed(tmp_path: Path, length: int) -> None:
     written = rows(400)

@@ -185,3 +185,27 @@ def test_tables_tell_runs_units_and_errors(tmp_path: Path) -> None:
 def test_values_of_a_study_stand_in_its_store(tmp_path: Path) -> None:
     values = values_of_runs(prepared_in(tmp_path).study)
     assert values[:, 0].tolist() == pytest.approx([0.0, 2.4525, 4.905, 7.3575, 9.81])
+
+
+@pytest.mark.parametrize(
+    "linked", ["journal/00000000.jsonl", "journal", "status", "tip/zarr.json", "zarr.json"]
+)
+def test_a_downloaded_store_with_a_link_is_refused_and_its_target_kept(tmp_path: Path, linked: str) -> None:
+    with store_in(tmp_path) as store:
+        fill(store, [0, 2, 3])
+    place, target = tmp_path / "s.zarr" / linked, tmp_path / "mine" / Path(linked).name
+    target.parent.mkdir()
+    place.rename(target)  # its content is right, so that nothing but the link is refused
+    place.symlink_to(target)
+    before = fingerprint(target.parent)
+    with pytest.raises(StudyError, match=f"{place.name} is a link, and nothing is written through links"):
+        store_in(tmp_path)
+    assert fingerprint(target.parent) == before
+
+
+def test_a_store_is_not_made_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / ".s.zarr.new").symlink_to(tmp_path / "mine")
+    with pytest.raises(StudyError, match="cannot be made"):
+        store_in(tmp_path)
+    assert list((tmp_path / "mine").iterdir()) == []

@@ -50,6 +50,7 @@ FORBIDDEN = {
 
 BRIDGE_MAY_USE = (
     "softsim_core.errors",
+    "softsim_core.file_writing",
     "softsim_core.units",
     "softsim_core.mechanics.limits",
     "softsim_core.mechanics.named_command",
@@ -64,7 +65,7 @@ BRIDGE_MAY_USE = (
 """What servo_bridge uses of the core: errors, names, units, limits, commands, robots and their loader."""
 
 LAYERS = (
-    ("errors", "kernels", "units"),
+    ("errors", "file_writing", "kernels", "units"),
     ("wrong_names",),
     ("arrays",),
     ("values", "registry"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.errors import DataError
+from softsim_core.file_writing import write_file
 from softsim_ros.cli.measurements.calibrate_report import Further, interval, sentences, verdict
 from softsim_ros.cli.measurements.validate_page import PAGE
 from softsim_ros.cli.measurements.validate_script import STYLE
@@ -34,7 +35,7 @@ def write(file: Path, robot: str, result: Calibration, further: Further) -> None
         DataError: the file cannot be written.
     """
     try:
-        file.write_text(page(robot, result, further), encoding="utf-8")
+        write_file(file, page(robot, result, further))
     except OSError as error:
         raise DataError(file, "", f"cannot be written ({error.strerror})") from error
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softsim_core.file_writing import write_file
+
 if TYPE_CHECKING:
     from softsim_core.identification.confidence import Folds
     from softsim_core.identification.fit import Calibration
@@ -192,7 +194,7 @@ def write_overlay(file: Path, robot: str, result: Calibration, further: Further)
     base = _beside(robot, file)
     told = [f"# {line}" for line in [*sentences(result), *further.sentences(result)]]
     text = yaml.safe_dump({"extends": base, **result.overlay}, sort_keys=False, default_flow_style=None)
-    file.write_text("\n".join([f"# Found by softsim calibrate {result.description.name}.", *told, text]))
+    write_file(file, "\n".join([f"# Found by softsim calibrate {result.description.name}.", *told, text]))
 
 
 def write_distribution(file: Path, robot: str, result: Calibration) -> None:
@@ -203,7 +205,7 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
 
     told = plain_distribution(distribution_of(result, _beside(robot, file)))
     head = f"# What softsim calibrate {result.description.name} leaves open.\n"
-    file.write_text(head + yaml.safe_dump(told, sort_keys=False, default_flow_style=None))
+    write_file(file, head + yaml.safe_dump(told, sort_keys=False, default_flow_style=None))
 
 
 def _beside(robot: str, file: Path) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from softsim_core.errors import DataError
+from softsim_core.file_writing import write_file
 from softsim_core.identification.description import DataSetDescription
 from softsim_core.identification.measures import Measures, measures
 from softsim_core.identification.report import worst
@@ -45,7 +46,7 @@ def write(
         DataError: the file cannot be written.
     """
     try:
-        file.write_text(page(description, model, results), encoding="utf-8")
+        write_file(file, page(description, model, results))
     except OSError as error:
         raise DataError(file, "", f"cannot be written ({error.strerror})") from error
 

@@ -72,6 +72,7 @@ def _export_vtu(bag: Bag, folder: Path, rate: float | None) -> None:
 
 
 def _export_html(bag: Bag, folder: Path) -> None:
+    from softsim_core.file_writing import write_file
     from softsim_ros.recording.errors import BagError
     from softsim_ros.recording.html_replay import html_replay
 
@@ -80,6 +81,5 @@ def _export_html(bag: Bag, folder: Path) -> None:
     except BagError as error:
         print(f"no replay page: {error}")
         return
-    file = folder / "replay.html"
-    file.write_text(page, encoding="utf-8")
+    file = write_file(folder / "replay.html", page)
     print(f"{file}: open it in a browser ({1e-6 * len(page):.1f} MB)")

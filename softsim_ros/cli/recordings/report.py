@@ -21,6 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("matplotlib") is None:
         print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
+    from softsim_core.file_writing import write_file
     from softsim_ros.recording.bag import Bag
     from softsim_ros.recording.report import report
 
@@ -29,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Bag(arguments.bag) as bag:
         page = report(bag)
     try:
-        file.write_text(page, encoding="utf-8")
+        write_file(file, page)
     except OSError as error:
         print(f"softsim report: {file} cannot be written ({error.strerror})", file=sys.stderr)
         return 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from softsim_core.errors import ConfigError
+from softsim_ros.cli.robots.figure_file import save_figure
 from softsim_ros.cli.robots.material_chart import Curve
 
 
@@ -26,6 +27,6 @@ def draw(curve: Curve, file: Path) -> None:
     axes.grid(alpha=0.3)
     axes.legend()
     try:
-        figure.savefig(file, dpi=120)
+        save_figure(figure, file)
     except (OSError, ValueError) as error:
         raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error

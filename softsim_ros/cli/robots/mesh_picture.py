@@ -10,6 +10,7 @@ import numpy as np
 from softsim_core.mesh.checks import dihedral_angles_deg
 from softsim_core.mesh.surface import boundary_surface
 from softsim_core.meshing import MeshedPart
+from softsim_ros.cli.robots.figure_file import save_figure
 
 matplotlib.use("Agg")
 
@@ -35,6 +36,6 @@ def draw(made: MeshedPart, file: Path) -> None:
         )
         angles.set(xlabel="dihedral angle [deg]", ylabel="how many", xlim=(0.0, 180.0))
         angles.set_title(f"{made.report.min_dihedral_deg:.1f} to {made.report.max_dihedral_deg:.1f} degrees")
-        figure.savefig(file, dpi=110)
+        save_figure(figure, file)
     finally:
         plt.close(figure)

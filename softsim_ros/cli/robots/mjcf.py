@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.errors import MjcfError
+from softsim_core.file_writing import write_file
 
 if TYPE_CHECKING:
     from softsim_ros.benchmark.peers.mjcf_comparison import ModelComparison
@@ -95,7 +96,7 @@ def _export(arguments: argparse.Namespace) -> int:
     file = arguments.out or Path(f"{scene.name}.xml")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(made.text, encoding="utf-8")
+        write_file(file, made.text)
     except OSError as error:
         raise MjcfError(file, f"cannot be written: {error.strerror or error}") from error
     print(f"{file}: MuJoCo model of {scene.name}")

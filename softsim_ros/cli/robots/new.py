@@ -9,6 +9,7 @@ from pathlib import Path
 
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.fem.materials.elastomers import elastomer
+from softsim_core.file_writing import write_file
 from softsim_core.mesh.writers import write_tets
 from softsim_core.meshing import MeshedPart, mesh_part
 from softsim_core.meshing.guesses import Guess, guess
@@ -80,10 +81,10 @@ def _write(folder: Path, name: str, made: MeshedPart, assumed: Guess, preset: st
     try:
         folder.mkdir(parents=True)
         write_tets(folder / f"{name}.vtk", made.mesh)
-        (folder / f"{name}.yaml").write_text(scene_text(name, made, assumed, preset, factor))
-        (folder / f"test_{name}.py").write_text(test_text(name, made, assumed))
+        write_file(folder / f"{name}.yaml", scene_text(name, made, assumed, preset, factor))
+        write_file(folder / f"test_{name}.py", test_text(name, made, assumed))
         if on_arm:
-            (folder / f"{name}_on_arm.yaml").write_text(on_arm)
+            write_file(folder / f"{name}_on_arm.yaml", on_arm)
     except OSError as error:
         raise ConfigError(folder, "", f"cannot be written: {error.strerror or error}") from error
 

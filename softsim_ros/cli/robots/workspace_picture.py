@@ -7,6 +7,7 @@ from pathlib import Path
 
 from softsim_core.errors import ConfigError
 from softsim_core.inverse.workspace import Workspace
+from softsim_ros.cli.robots.figure_file import save_figure
 
 
 def draw(workspace: Workspace, robot: str, file: Path) -> None:
@@ -42,6 +43,6 @@ def draw(workspace: Workspace, robot: str, file: Path) -> None:
         f"hull {1e6 * workspace.volume:.1f} cm³"
     )
     try:
-        figure.savefig(file, dpi=120)
+        save_figure(figure, file)
     except (OSError, ValueError) as error:
         raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error

@@ -11,6 +11,7 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import StudyError
+from softsim_core.file_writing import write_file
 from softsim_core.study.response import response_surface
 from softsim_core.study.results import StudyResults
 from softsim_ros.cli.measurements.validate_page import PAGE
@@ -42,7 +43,7 @@ def write(file: Path, results: StudyResults) -> None:
         StudyError: the file cannot be written, or no run is done.
     """
     try:
-        file.write_text(page(results), encoding="utf-8")
+        write_file(file, page(results))
     except OSError as error:
         raise StudyError(f"{file} cannot be written ({error.strerror})") from error
 
