@@ -11,9 +11,10 @@ from __future__ import annotations
 import base64
 import importlib
 import json
+import math
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +26,7 @@ from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import StudyError
 from softsim_core.extras import install_command
 from softsim_core.file_writing import make_folder, open_in_place, refuse_links
+from softsim_core.file_writing import make_folder, open_in_place, refuse_links, sync, sync_tree
 from softsim_core.study.single import PENDING, RAISED, STATUS_WORDS, Outcome
 
 JOURNAL = "journal"
@@ -195,7 +197,9 @@ class Store:
                     values[k] = _unpacked(row["columns"][column.name]).reshape(column.shape)
             self._group[column.name][part] = values
         self._group["error"][part] = np.array([row["error"] for row in rows], dtype=object)
+        self._sync_chunks(block, [*(column.name for column in self.plan.columns), "error"])
         self._group["status"][part] = np.array([row["status"] for row in rows], dtype=np.int8)
+        self._sync_chunks(block, ["status"])
         for number in numbers:
             del self._rows[number]
         if (journal := self._open.pop(block, None)) is not None:
@@ -204,22 +208,48 @@ class Store:
         if not any((self.folder / JOURNAL).iterdir()):
             (self.folder / JOURNAL).rmdir()
 
+    def _sync_chunks(self, block: int, names: Sequence[str]) -> None:
+        """Bring a block of arrays to the disk, so that what is written next comes after it."""
+        for name in names:
+            chunks = self.folder / name / "c"
+            sync_tree(chunks / str(block))
+            if chunks.is_dir():  # an array without any value has none
+                sync(chunks)
+                sync(chunks.parent)
+
     def _read_status(self) -> IndexArray:
-        return np.asarray(self._group["status"][:], dtype=np.int64)
+        try:
+            status = np.asarray(self._group["status"][:], dtype=np.int64)
+        except Exception as error:  # whatever the decoders of a damaged chunk raise
+            raise StudyError(f"{self.folder}/status is damaged ({error}); choose another --out") from error
+        if status.shape != (self.plan.runs,) or not np.isin(status, range(len(STATUS_WORDS))).all():
+            raise StudyError(f"{self.folder}/status is damaged; choose another store with --out")
+        return status
 
     def _read_journals(self) -> None:
-        """Take over what was done; what a journal's last line holds half was not."""
+        """Take over what was done; what a journal's last line holds half was not.
+
+        Raises:
+            StudyError: a journal is damaged.
+        """
         for file in sorted((self.folder / JOURNAL).glob("*.jsonl")):
-            block, good = int(file.stem), 0
+            if not (file.stem.isdecimal() and self._range(block := int(file.stem))):
+                raise StudyError(f"{file} is no journal of this store; remove it")
+            good = 0
             with file.open("rb") as stream:
-                for line in stream:
-                    try:
-                        row = json.loads(line)
-                        number = row["run"]
-                    except (ValueError, KeyError, TypeError):
+                for place, line in enumerate(stream, start=1):
+                    if not line.endswith(b"\n"):
                         break
+                    try:
+                        row = self._read_row(line, self._range(block))
+                    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+                        numbers = self._range(block)
+                        raise StudyError(
+                            f"{file}, line {place}: is damaged ({error}); remove this file, and the runs "
+                            f"{numbers.start} to {numbers.stop - 1} are done again"
+                        ) from error
                     good += len(line)
-                    if self.status[number] == PENDING or number in self._rows:
+                    if self.status[row["run"]] == PENDING or row["run"] in self._rows:
                         self._take(row)
             if good < file.stat().st_size:
                 with open_in_place(file, "r+b") as stream:
@@ -233,11 +263,32 @@ class Store:
         if (self.folder / JOURNAL).is_dir() and not any((self.folder / JOURNAL).iterdir()):
             (self.folder / JOURNAL).rmdir()
 
+    def _read_row(self, line: bytes, numbers: range) -> dict[str, Any]:
+        """One line of the journal of a block.
+
+        Raises:
+            ValueError, TypeError, AttributeError, RecursionError: it is damaged.
+        """
+        row: dict[str, Any] = json.loads(line)
+        if set(row) != {"run", "status", "error", "columns"}:
+            raise ValueError("it must hold run, status, error and columns")
+        if type(row["run"]) is not int or row["run"] not in numbers:
+            raise ValueError(f"run must be within {numbers.start}..{numbers.stop - 1}")
+        if type(row["status"]) is not int or row["status"] not in range(PENDING + 1, len(STATUS_WORDS)):
+            raise ValueError(f"status must be within {PENDING + 1}..{len(STATUS_WORDS) - 1}")
+        if not isinstance(row["error"], str):
+            raise ValueError("error must be text")
+        shapes = {each.name: each.shape for each in self.plan.columns}
+        for name, packed in row["columns"].items():
+            if name not in shapes or _unpacked(packed).size != math.prod(shapes[name]):
+                raise ValueError("columns hold other values than the study has")
+        return row
+
     def _need_same(self) -> None:
         """Refuse a store of another study, naming what differs."""
         try:
-            told = json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"]
-        except (OSError, ValueError, KeyError) as error:
+            told = dict(json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"])
+        except (OSError, LookupError, TypeError, ValueError, RecursionError) as error:
             raise StudyError(f"{self.folder} is no store of a study; choose another with --out") from error
         for name, what in (("study", "the study"), ("scene_sha256", "its scene"), ("versions", "a version")):
             if told.get(name) != self.plan.attributes[name]:
@@ -303,7 +354,9 @@ def _create(folder: Path, plan: Plan) -> None:
         with warnings.catch_warnings():  # says at every call that other readers may leave it unused
             warnings.simplefilter("ignore")
             zarr.consolidate_metadata(str(making))
+        sync_tree(making)
         making.rename(folder)
+        sync(folder.parent)
     except OSError as error:
         raise StudyError(f"{folder} cannot be made ({error.strerror}); choose another with --out") from error
 

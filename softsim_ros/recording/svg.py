@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from softsim_ros.figures import figure_data
 from softsim_ros.recording.curves import Chart, Curve
 
 SIZE_INCHES = (8.0, 2.6)
@@ -48,9 +48,7 @@ def draw(chart: Chart, duration_s: float) -> str:
     axes.grid(color="0.9")
     if any(curve.name for curve in chart.curves):
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
+    return figure_data(figure, "svg", metadata={"Date": None}).decode()
 
 
 def thinned(curve: Curve) -> tuple[Any, Any]:

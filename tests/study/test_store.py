@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -209,3 +210,109 @@ def test_a_store_is_not_made_through_a_link(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="cannot be made"):
         store_in(tmp_path)
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+GOOD = {"run": 0, "status": 2, "error": "", "columns": {}}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"run": 0, "sta',
+        "{}",
+        "7",
+        "[]",
+        "null",
+        '"run"',
+        5000 * "[",
+        json.dumps({"run": 0}),
+        *(json.dumps({**GOOD, "run": each}) for each in (2, -1, 99, 10**30, True, "0", 0.0, None)),
+        *(json.dumps({**GOOD, "status": each}) for each in (0, 5, -1, "done", None)),
+        json.dumps({**GOOD, "error": 3}),
+        *(
+            json.dumps({**GOOD, "columns": each})
+            for each in (
+                7,
+                [],
+                {"tip": 7},
+                {"tip": "AAA"},
+                {"tip": "AAAAAAAAAAA="},
+                {"other": ""},
+                {"g": "é"},
+            )
+        ),
+    ],
+)
+def test_a_damaged_journal_is_one_sentence_and_is_kept(tmp_path: Path, line: str) -> None:
+    with store_in(tmp_path) as store:
+        fill(store, [0])
+    journal = tmp_path / "s.zarr" / "journal" / "00000000.jsonl"
+    journal.write_text(journal.read_text() + line + "\n" + journal.read_text())
+    before = journal.read_bytes()
+    with pytest.raises(
+        StudyError, match=r"line 2: is damaged .*; remove this file, and the runs 0 to 1 are"
+    ) as said:
+        store_in(tmp_path)
+    assert "\n" not in str(said.value)
+    assert journal.read_bytes() == before
+    journal.unlink()
+    with store_in(tmp_path) as store:
+        assert store.left == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("name", ["notes", "-1", "00000003", "99999999", "²"])
+def test_a_file_that_is_no_journal_of_the_store_is_kept(tmp_path: Path, name: str) -> None:
+    with store_in(tmp_path) as store:
+        fill(store, [0])
+    file = tmp_path / "s.zarr" / "journal" / f"{name}.jsonl"
+    file.write_text("mine")
+    with pytest.raises(StudyError, match="is no journal of this store; remove it"):
+        store_in(tmp_path)
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_store_with_any_damaged_byte_opens_or_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with store_in(tmp_path, "whole") as store:
+        fill(store, [0, 1, 2])
+    generator = np.random.default_rng(3)
+    files = [file for file in sorted((tmp_path / "whole").rglob("*")) if file.is_file()]
+    told = 0
+    for number in range(24):
+        shutil.copytree(tmp_path / "whole", tmp_path / f"damaged_{number}")
+        file = tmp_path / f"damaged_{number}" / files[number % len(files)].relative_to(tmp_path / "whole")
+        data = bytearray(file.read_bytes())
+        data[generator.integers(len(data))] = generator.integers(256)
+        file.write_bytes(data)
+        try:
+            store_in(tmp_path, file.parts[len(tmp_path.parts)]).__exit__(None, None, None)
+        except StudyError as error:
+            told += 1
+            assert "\n" not in str(error), error  # noqa: PT017
+    assert told > 0
+
+
+def test_chunks_are_on_the_disk_before_their_journal_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced, fsync, folder = list[int](), os.fsync, tmp_path / "s.zarr"
+    unlink, seen = Path.unlink, list[list[str]]()
+
+    def note(number: int) -> None:
+        synced.append(os.fstat(number).st_ino)
+        fsync(number)
+
+    def unlinked(file: Path, missing_ok: bool = False) -> None:
+        if file.suffix == ".jsonl":
+            chunks = [each for each in folder.rglob("c/**/*") if each.is_file()]
+            assert [each for each in chunks if each.stat().st_ino not in synced] == []
+            seen.append([each.relative_to(folder).parts[0] for each in chunks])
+            last = {name: synced.index((folder / name / "c" / "0").stat().st_ino) for name in ("g", "status")}
+            assert last["g"] < last["status"]
+        unlink(file, missing_ok=missing_ok)
+
+    monkeypatch.setattr(os, "fsync", note)
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    with store_in(tmp_path) as store:
+        fill(store, [0, 1])
+    assert [set(each) for each in seen] == [{"axis", "course", "g", "status", "time", "tip"}]

@@ -159,7 +159,7 @@ def _figure(file: Path) -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
-    from softsim_ros.cli.robots.figure_file import save_figure
+    from softsim_ros.figures import save_figure
 
     save_figure(Figure(), file)
 

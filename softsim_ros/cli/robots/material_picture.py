@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from softsim_core.errors import ConfigError
-from softsim_ros.cli.robots.figure_file import save_figure
 from softsim_ros.cli.robots.material_chart import Curve
+from softsim_ros.figures import save_figure
 
 
 def draw(curve: Curve, file: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from softsim_core.mesh.checks import dihedral_angles_deg
 from softsim_core.mesh.surface import boundary_surface
 from softsim_core.meshing import MeshedPart
-from softsim_ros.cli.robots.figure_file import save_figure
+from softsim_ros.figures import save_figure
 
 matplotlib.use("Agg")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from softsim_core.errors import ConfigError
 from softsim_core.inverse.workspace import Workspace
-from softsim_ros.cli.robots.figure_file import save_figure
+from softsim_ros.figures import save_figure
 
 
 def draw(workspace: Workspace, robot: str, file: Path) -> None:
