@@ -4,7 +4,16 @@ What a user of the library needs stands here: `from softsim_core import ...`; do
 each name. Importing the package loads none of it: a name brings its module when it is first asked for.
 """
 
-from __future__ import annotations
+import sys
+
+# `python -m softsim_core.warmup` puts the current folder first on the import path. Where this package lies
+# elsewhere no module may come from there, so this stands before the first import that could.
+if (
+    sys.argv[:1] == ["-m"]
+    and not (sys.flags.isolated or getattr(sys.flags, "safe_path", False))
+    and sys.path[0] != __file__.rpartition("/softsim_core/")[0]
+):
+    del sys.path[0]
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

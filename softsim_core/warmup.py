@@ -20,6 +20,7 @@ from softsim_core.kernels import Compiler
 from softsim_core.kernels.compile_process import alone, compile_process
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
+from softsim_core.processes import python_command, start_process, use_safe_path
 from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
@@ -175,7 +176,7 @@ def warm_up_large() -> float:
 def _compiling_contact() -> Popen[bytes]:
     """A process that compiles the kernels of contact, on a core of its own; its context waits for it."""
     words = ["--contact", "--parent", str(os.getpid())]  # who may be gone before it can ask who that is
-    return Popen([sys.executable, "-m", "softsim_core.warmup", *words])
+    return start_process(python_command("softsim_core.warmup", *words))
 
 
 def _warm_up_contact() -> None:
@@ -239,6 +240,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--small", action="store_true", help="none of large meshes")
     parser.add_argument("--parent", type=int, default=os.getppid(), help="the process to end with")
     chosen = parser.parse_args(words)
+    use_safe_path()
     compile_process.compile_here()
     if chosen.beside or chosen.contact:
         _end_with_parent(chosen.parent)

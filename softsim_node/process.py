@@ -16,6 +16,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from softsim_core.errors import SoftSimError
+from softsim_core.processes import use_safe_path
 from softsim_node import discovery, security
 from softsim_node.ending import OUTLIVE, ending
 from softsim_node.environment import prepare_environment
@@ -102,6 +103,7 @@ def run_node(
         serve: What the node does until `ending` is asked; None serves its callbacks.
     """
     ending.watch()
+    use_safe_path()
     words = list(sys.argv[1:] if args is None else args)
     node: NodeType | None = None
     code = 0

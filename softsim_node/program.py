@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 
+from softsim_core.processes import use_safe_path
 from softsim_node.ending import ending
 
 
@@ -19,6 +20,7 @@ def run_module(module: str, args: Sequence[str] | None = None) -> int:
         Exit code.
     """
     ending.watch()
+    use_safe_path()
     program = importlib.import_module(module)
     if ending.asked:
         ending.over()

@@ -17,6 +17,8 @@ from typing import Any
 
 from playwright.sync_api import sync_playwright
 
+from softsim_core.processes import python_command, run_process, start_process
+
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
 SOFTWARE_GL = [
@@ -84,10 +86,8 @@ def window(size: tuple[int, int]) -> dict[str, int]:
 def open_page(browser: Any, robot: str, port: int) -> Iterator[Any]:
     """Start a robot with its page, and open that in a wide window."""
     words = ["up", robot, "--headless", "--no-bridge", "--port", str(port)]
-    command = [sys.executable, "-m", "softsim_ros.cli", *words]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
-    ) as up:
+    command = python_command("softsim_ros.cli", *words)
+    with start_process(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT) as up:
         try:
             assert up.stdout is not None
             address = next(
@@ -125,8 +125,8 @@ def take_own_robot(browser: Any, port: int) -> None:
     """Make a robot of a part; write how its cable pulls it, and how its tip is edited."""
     part = ROOT / "configs" / "parts" / "fin_ray_finger.stl"
     with tempfile.TemporaryDirectory() as folder:
-        new = [sys.executable, "-m", "softsim_ros.cli", "new", "my_finger", "--from", str(part)]
-        subprocess.run(new, check=True, stdout=subprocess.DEVNULL, cwd=folder)
+        new = python_command("softsim_ros.cli", "new", "my_finger", "--from", part)
+        run_process(new, check=True, stdout=subprocess.DEVNULL, cwd=folder)
         with open_page(browser, f"{folder}/my_finger/my_finger.yaml", port) as page:
             press(page, "Q moved pose")
             page.wait_for_timeout(15_000)

@@ -21,6 +21,7 @@ from softsim_core.arrays import Array, IndexArray, float_array
 from softsim_core.batch.share import Share
 from softsim_core.dynamics import Backend
 from softsim_core.errors import BatchError, CommandError
+from softsim_core.processes import python_command, start_process
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
 from softsim_core.simulation import Simulation
@@ -276,9 +277,9 @@ class _Worker:
     def __init__(self, memory: int) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
-            command = [sys.executable, "-m", "softsim_core.batch.worker", str(theirs.fileno()), str(memory)]
+            command = python_command("softsim_core.batch.worker", str(theirs.fileno()), str(memory))
             paths = os.pathsep.join(path for path in sys.path if path)
-            self._process = subprocess.Popen(
+            self._process = start_process(
                 command,
                 pass_fds=(theirs.fileno(), memory),
                 env={**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},

@@ -21,6 +21,8 @@ from subprocess import DEVNULL, PIPE, Popen
 from threading import Lock, Thread
 from typing import Any, BinaryIO, Final, NamedTuple
 
+from softsim_core.processes import python_command, start_process
+
 IDLE_S: Final = 10.0
 """A process that has so long had nothing to compile ends: it holds half a gigabyte."""
 
@@ -107,12 +109,11 @@ def alone(file: Path) -> Iterator[None]:
 def _begun() -> Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths())}
     errors = DEVNULL if sys.stderr is None else None  # a service may have closed it
-    command = [sys.executable, "-m", __name__]
-    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=errors, env=environment)
+    return start_process(python_command(__name__), environment, stdin=PIPE, stdout=PIPE, stderr=errors)
 
 
 def _import_paths() -> list[str]:
-    return [str(Path(each).absolute()) for each in sys.path]
+    return [str(Path(each).absolute()) for each in sys.path if each]
 
 
 def _compiled(paths: list[str], request: bytes) -> bool:

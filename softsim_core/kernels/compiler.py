@@ -18,12 +18,26 @@ _FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN a
 def why_plain() -> str | None:
     """Why kernels stay plain Python, and what to do; None: Numba compiles them."""
     try:
-        import numba
+        numba = _numba()
     except ImportError:
         return "numba is not installed: pip install numba"
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if numba.config.DISABLE_JIT:
         return "NUMBA_DISABLE_JIT is set, as for a debugger: unset it"
     return None
+
+
+def _numba() -> Any:
+    """Return Numba, set by the environment alone.
+
+    Numba also reads `.numba_config.yaml` in the current folder, which could name a cache of anybody's code.
+    """
+    import numba
+    from numba.core import config
+
+    if config._config_fname:
+        config._config_fname = ""
+        config.reload_config()
+    return numba
 
 
 class OneSignature:
@@ -71,11 +85,9 @@ class Compiler:
         self._numba: Any = None
         if why_plain():
             return
-        import numba
-
-        self._numba = numba
-        if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
-            base = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+        self._numba = _numba()
+        if self._numba.config.CACHE_DIR:
+            base = Path(self._numba.config.CACHE_DIR)
         elif os.access(self._beside if self._beside.is_dir() else folder, os.W_OK):
             base = self._beside
         else:

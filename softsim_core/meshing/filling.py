@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +20,9 @@ from softsim_core.extras import install_command
 from softsim_core.mesh.checks import tet_volumes
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
 from softsim_core.meshing.tetwild import compiled_part
+from softsim_core.processes import python_command, start_process
 
-COMMAND = (sys.executable, str(Path(__file__).with_name("tetwild.py")))
+COMMAND = tuple(python_command(Path(__file__).with_name("tetwild.py")))
 """The mesher: it gets the names of a file to read and of one to write."""
 ENERGIES = {10.0: 0.25, 30.0: 0.75}
 """The mesher stops where its worst element is so good (3 is regular); it has this share of its time for it.
@@ -133,13 +132,12 @@ def _run(
     Raises:
         MeshError: it ended in an error.
     """
-    with subprocess.Popen(
+    with start_process(
         command,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         cwd=folder,  # the mesher writes into it
-        env={**os.environ, "PYTHONSAFEPATH": "1"},  # files beside the program are no packages
     ) as process:
         try:
             while True:

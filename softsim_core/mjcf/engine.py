@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import importlib
-import os
 import signal
 import subprocess
-import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import MjcfError
 from softsim_core.extras import install_command
 from softsim_core.mjcf.probe import REFUSED
+from softsim_core.processes import python_command, run_process
 
 INSTALL = f"{install_command('mujoco')} (MuJoCo 3.13 or newer)"
 TIME_LIMIT_S = 120.0
@@ -58,17 +57,15 @@ def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
     Raises:
         MjcfError: MuJoCo refuses it, crashes, or takes too long.
     """
-    command = (sys.executable, str(Path(__file__).with_name("probe.py")), str(file))
+    command = python_command(Path(__file__).with_name("probe.py"), file)
     try:
-        done = subprocess.run(
+        done = run_process(
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             errors="replace",
             timeout=time_limit,
-            env={**os.environ, "PYTHONSAFEPATH": "1"},  # files beside the program are no packages
-            check=False,
         )
     except subprocess.TimeoutExpired as error:
         raise MjcfError(file, f"MuJoCo was stopped after {time_limit:g} s; make the model smaller") from error

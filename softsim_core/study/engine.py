@@ -16,6 +16,7 @@ from typing import Any, Protocol, TypeAlias
 
 from softsim_core.errors import SoftSimError, StudyError
 from softsim_core.extras import install_command
+from softsim_core.processes import use_safe_path
 from softsim_core.scene import load_scene
 from softsim_core.simulation import Simulation
 from softsim_core.study.identity import versions
@@ -251,6 +252,7 @@ def engine(where: Where) -> Iterator[Engine]:
                 yield Engine(client, where)
             return
         os.environ.update(environment)  # a worker is a fresh process that takes them over
+        use_safe_path()
         with (
             distributed.LocalCluster(
                 n_workers=where.workers,

@@ -11,7 +11,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -28,6 +27,7 @@ from servo_bridge.virtual_board import ReceivedPacket, VirtualBoard
 from softsim_core import load_scene
 from softsim_core.arrays import Array
 from softsim_core.errors import SoftSimError
+from softsim_core.processes import python_command, start_process
 from softsim_core.scene.board import ServoCalibration
 from softsim_core.scene.robot import RobotDescription
 
@@ -180,15 +180,15 @@ def _running(
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Run modules as processes of their own session; Ctrl-C, then kill, at the end."""
     children = [
-        subprocess.Popen(
-            [sys.executable, "-m", *words],
+        start_process(
+            python_command(module, *words),
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
             env=environment,
             start_new_session=True,
         )
-        for words in commands
+        for module, *words in commands
     ]
     try:
         yield children

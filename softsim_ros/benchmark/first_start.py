@@ -19,6 +19,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from softsim_core.processes import start_process
+
 MOTION_WITHIN_S: Final = 45.0
 KERNELS_WITHIN_S: Final = 90.0
 """Targets on an idle machine with two cores, from the command to the first motion and to the kernels."""
@@ -80,7 +82,7 @@ class FirstStart:
             shutil.copytree(self._checkout, copy, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_OUT))
             domain = 1 + os.getpid() % 100
             self._began = time.monotonic()
-            process = subprocess.Popen(
+            process = start_process(
                 ["./softsim", "up", self._robot, "--headless", "--port", str(_free_port())],
                 cwd=copy,
                 env=_environment(Path(folder), domain),

@@ -16,6 +16,7 @@ from typing import Any
 
 from softsim_core import Simulation, load_scene
 from softsim_core.errors import SoftSimError
+from softsim_core.processes import python_command, run_process, start_process
 
 MEMORY_LIMIT_MB = 400.0
 """Largest resident memory of the simulator process on the mid mesh, in [MB]."""
@@ -81,12 +82,8 @@ def measure_process(robot: str = "tripod_mid", steps: int = STEPS) -> ProcessFig
 
 
 def _plain(robot: str, steps: int) -> ProcessFigures:
-    child = subprocess.run(
-        [sys.executable, "-m", "softsim_ros.benchmark.process", robot, str(steps)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = python_command("softsim_ros.benchmark.process", robot, str(steps))
+    child = run_process(command, capture_output=True, text=True)
     if child.returncode != 0:
         raise ProcessError(f"the simulation process failed: {child.stderr.strip()[-400:]}")
     return ProcessFigures("Simulation in a process without ROS", steps, float(child.stdout))
@@ -95,11 +92,11 @@ def _plain(robot: str, steps: int) -> ProcessFigures:
 def _node(robot: str, steps: int) -> ProcessFigures:
     domain = 60 + os.getpid() % 40  # apart from a simulator that may run; ports of domains up to 101 are free
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    words = [sys.executable, "-m", NODE_MODULE, "--ros-args"]
+    words = python_command(NODE_MODULE, "--ros-args")
     for setting in (f"robot:={robot}", "mesh_rate:=1000.0", "publish_clock:=true"):
         words += ["-p", setting]
     with tempfile.TemporaryFile("w+") as log:
-        child = subprocess.Popen(
+        child = start_process(
             words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
         )
         try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import resource
-import subprocess
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
@@ -31,6 +30,7 @@ from softsim_core import (
 )
 from softsim_core.linalg.superlu import factorised
 from softsim_core.mechanics.model import Model
+from softsim_core.processes import python_command, run_process
 from softsim_core.robots.tripod_mesh import tripod_silicone
 from softsim_ros.benchmark.report import aligned
 from softsim_ros.benchmark.steps import step_matrix
@@ -211,12 +211,8 @@ def measure_scaling(sizes: Iterable[str], shapes: Iterable[str] = SHAPES) -> Ite
     chosen = tuple(sizes)
     for shape in shapes:
         for size in chosen:
-            child = subprocess.run(
-                [sys.executable, "-m", "softsim_ros.benchmark.scaling", shape, size],
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            command = python_command("softsim_ros.benchmark.scaling", shape, size)
+            child = run_process(command, capture_output=True, text=True)
             if child.returncode != 0:
                 raise ScalingError(f"measuring {shape} {size} failed: {child.stderr.strip()[-200:]}")
             yield Scale(**json.loads(child.stdout))

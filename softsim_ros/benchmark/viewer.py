@@ -6,7 +6,6 @@ import asyncio
 import os
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -22,6 +21,7 @@ import numpy as np
 from softsim_core.file_writing import open_in_place, write_file
 from softsim_core.mesh import SurfaceMesh, read_surface
 from softsim_core.mesh.writers import write_surface
+from softsim_core.processes import python_command, start_process
 from softsim_core.scene.files import config_file, find_config
 from softsim_core.values import Placement
 from softsim_ros.benchmark.process import (
@@ -185,8 +185,8 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
 
 def _start(module: str, log: IO[str], environment: dict[str, str], *settings: str) -> subprocess.Popen[bytes]:
     given = [word for setting in settings for word in ("-p", setting)]
-    return subprocess.Popen(
-        [sys.executable, "-m", module, "--ros-args", *given],
+    return start_process(
+        python_command(module, "--ros-args", *given),
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,

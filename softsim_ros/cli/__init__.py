@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from softsim_core.processes import use_safe_path
 from softsim_node.ending import ending
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the `softsim` command, see `softsim_ros.cli.app`; from here on signals are looked after."""
     ending.watch()
+    use_safe_path()
     from softsim_ros.cli import app
 
     return app.main(words)

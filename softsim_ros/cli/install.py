@@ -125,6 +125,8 @@ class Stages:
     ) -> None:
         """Run one program to its end, with more variables in its environment.
 
+        It runs beside the log: the current folder may be anybody's.
+
         Raises:
             InstallError: it failed; the message carries the likely cause and the log's place.
         """
@@ -137,14 +139,15 @@ class Stages:
             log.flush()
             child = subprocess.Popen(
                 [str(word) for word in command],
+                cwd=self.log.parent,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
                 env={
                     **os.environ,
-                    "PYTHONUNBUFFERED": "1",
                     "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+                    **uv_settings(),
                     **(variables or {}),
                 },
             )
@@ -219,10 +222,15 @@ def only_one(home: Path) -> Iterator[None]:
         yield
 
 
+def python_program(python: str | Path, module: str) -> list[str]:
+    """Return the command that runs a module and imports nothing from the current folder or PYTHONPATH."""
+    return [str(python), "-I", "-u", "-m", module]
+
+
 def pip_settings(python: str | Path) -> dict[str, str]:
     """What pip is told by its files and variables, by the name of the option; of no pip its variables."""
     done = subprocess.run(
-        [str(python), "-m", "pip", "config", "list"], capture_output=True, text=True, check=False
+        [*python_program(python, "pip"), "config", "list"], capture_output=True, text=True, check=False
     )
     settings: dict[str, str] = {}
     for section in ("global", "install", ":env:"):  # the later ones win
@@ -250,6 +258,20 @@ def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
     return {variable: value for variable, value in told.items() if not os.environ.get(variable)}
 
 
+def uv_settings() -> dict[str, str]:
+    """Return the variables that have uv read the settings of the user or the system, and no folder's.
+
+    uv takes a `uv.toml` in the current folder or one above it, which may name another package index.
+    """
+    if os.environ.get("UV_CONFIG_FILE") or os.environ.get("UV_NO_CONFIG"):
+        return {}
+    own = os.environ.get("XDG_CONFIG_HOME") or Path("~/.config").expanduser()
+    for folder in (Path(own), Path("/etc")):
+        if (folder / "uv" / "uv.toml").is_file():
+            return {"UV_CONFIG_FILE": str(folder / "uv" / "uv.toml")}
+    return {"UV_NO_CONFIG": "1"}
+
+
 def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path], dict[str, str]] | None:
     """Command and variables of uv: of the PATH, else fetched into the environment; None: plain pip has to do.
 
@@ -259,7 +281,7 @@ def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path
     uv: str | Path | None = shutil.which("uv")
     if uv is None and os.environ.get(WITHOUT_UV, "0") in ("", "0"):
         uv = python.with_name("uv")
-        fetch: list[str | Path] = [python, "-m", "pip", "install", "--no-input", "-c", pins, "uv"]
+        fetch: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input", "-c", pins, "uv"]
         try:
             stages.run("Fetching the installer (uv)", fetch)
         except InstallError as error:
@@ -285,13 +307,13 @@ def make_environment(root: Path, home: Path, stages: Stages, extras: str) -> Non
     python = venv / "bin" / "python"
     if not python.exists():
         uv = shutil.which("uv")
-        maker = [uv, "venv", "--python", sys.executable] if uv else [sys.executable, "-m", "venv"]
+        maker = [uv, "venv", "--python", sys.executable] if uv else python_program(sys.executable, "venv")
         stages.run(f"Making a Python {platform.python_version()} environment in {venv}", [*maker, venv])
     else:
         stages.number += 1
     wanted = [["setuptools"], ["--no-build-isolation", "-e", f"{root}[{extras}]"]]
     titles = ["Installing the build tool", "Installing softsim and what it needs (about 300 MB to fetch)"]
-    pip: list[str | Path] = [python, "-m", "pip", "install", "--no-input"]
+    pip: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input"]
     found = installer(python, stages, pins)
     for title, words in zip(titles, wanted, strict=True):
         command, variables = found or (pip, {})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +13,7 @@ from typing import Any, Final
 
 from softsim_core import Simulation
 from softsim_core.errors import SoftSimError, SolverDivergedError
+from softsim_core.processes import python_command, start_process
 from softsim_core.warmup import kernels_ready
 from softsim_node.ending import ending
 from softsim_ros.simulator.physics_thread import PhysicsThread
@@ -75,8 +75,8 @@ class CompiledLater:
         with self._changes:
             if self._ended.is_set():
                 return False
-            self._child = subprocess.Popen(
-                [sys.executable, "-m", "softsim_core.warmup", "--beside", *words],
+            self._child = start_process(
+                python_command("softsim_core.warmup", "--beside", *words),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

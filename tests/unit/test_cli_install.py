@@ -99,7 +99,7 @@ WITH_UV = [
     "VENV/bin/uv pip install",
     "VENV/bin/uv pip install",
 ]
-WITH_PIP = ["VENV/bin/python -m pip install", "VENV/bin/python -m pip install"]
+WITH_PIP = ["VENV/bin/python -I -u -m pip install"] * 2
 
 
 @pytest.mark.parametrize(

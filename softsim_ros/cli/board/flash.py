@@ -6,9 +6,10 @@ import argparse
 import hashlib
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
+
+from softsim_core.processes import run_process
 
 BAUD_RATE = 115200
 OLD_NANO_BAUD_RATE = 57600
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.yes and not _confirmed():
         return _refuse("nothing was done; answer yes, or give --yes")
     _check_free(port, arguments.baud)
-    code = subprocess.run(command, check=False).returncode
+    code = run_process(command).returncode
     if code:
         return _refuse(
             f"avrdude failed (exit code {code}); close other programs on {port}, check that the board "

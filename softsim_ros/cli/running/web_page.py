@@ -6,13 +6,13 @@ import contextlib
 import importlib.util
 import signal
 import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
 from typing import IO, Final
 
 from softsim_core.extras import install_command
+from softsim_core.processes import python_command, start_process
 from softsim_node.ending import ending
 
 ANNOUNCED: Final = "viewer: "
@@ -67,8 +67,8 @@ class WebPage:
         }
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         module = "softsim_ros.viewer.viewer_node"
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}", *given],
+        self._process = start_process(
+            python_command(module, "--ros-args", "-r", f"__ns:=/{namespace}", *given),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

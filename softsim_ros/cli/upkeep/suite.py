@@ -6,12 +6,12 @@ import argparse
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import NoReturn
 
 from softsim_core.extras import install_command
+from softsim_core.processes import python_command, run_process
 
 LIMIT_S = {False: 5400, True: 600}
 """Time limits in [s], for what hangs."""
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def command(arguments: argparse.Namespace, root: Path) -> list[str]:
     """The command line that runs the tests of the checkout at `root`."""
-    words = [sys.executable, "-m", "pytest", f"--rootdir={root}", "-c", str(root / "pyproject.toml")]
+    words = python_command("pytest", f"--rootdir={root}", "-c", root / "pyproject.toml")
     words += ["-n", arguments.workers, "--dist=loadfile"]
     if arguments.quick:
         words += ["-m", "not slow and not exhaustive"]
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"softsim test: pytest or pytest-xdist is missing; {install_command('test')}", file=sys.stderr)
         return 1
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile their sources
-    subprocess.run([sys.executable, "-m", "softsim_core.warmup"], cwd=root, check=False)
+    run_process(python_command("softsim_core.warmup"), cwd=root)
     _become(command(arguments, root), root)
 
 

@@ -1,0 +1,95 @@
+"""Child processes: the one place where the suite starts them.
+
+`python -m` and `python -c` look for modules in the current folder first, so that a `pickle.py` in a
+downloaded folder would run. Children that start here do not, nor do the processes that they start.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+SAFE_PATH: Final = "PYTHONSAFEPATH"
+"""Set, Python 3.11 and later leave the folder of the program, or the current one, out of the import path."""
+
+_OPTION_SINCE: Final = (3, 11)
+_STARTER: Final = str(Path(__file__).with_name("program_starter.py"))
+
+
+def use_safe_path() -> None:
+    """Keep the current folder out of the import path of this process and of all Python processes below it.
+
+    Each program of the suite calls it first. It also covers what others start, such as the workers of
+    multiprocessing.
+    """
+    os.environ.update(_safe(os.environ))
+    sys.path[:] = [each for each in sys.path if each]
+    if sys.version_info < _OPTION_SINCE:
+        from multiprocessing import util
+
+        util._args_from_interpreter_flags = _isolated_flags  # type: ignore[attr-defined]
+
+
+def python_command(program: str | Path, *words: str | Path) -> list[str]:
+    """Return the command line that runs a Python program without the current folder in its import path.
+
+    Args:
+        program: Name of a module, or path of a script.
+        words: Arguments of the program.
+    """
+    if sys.version_info >= _OPTION_SINCE:
+        how = ["-P", str(program)] if isinstance(program, Path) else ["-P", "-m", program]
+    else:
+        how = [_STARTER, str(program)]
+    return [sys.executable, *how, *map(str, words)]
+
+
+def start_process(
+    command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.Popen[Any]:
+    """Start a program, see `subprocess.Popen`; Python programs come from `python_command`.
+
+    Args:
+        command: The program and its arguments.
+        env: Its environment; None: that of this process.
+        options: Of Popen.
+    """
+    return subprocess.Popen(command, env=_safe(os.environ if env is None else env), **options)
+
+
+def run_process(
+    command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.CompletedProcess[Any]:
+    """Run a program to its end, see `subprocess.run`; Python programs come from `python_command`.
+
+    Args:
+        command: The program and its arguments.
+        env: Its environment; None: that of this process.
+        options: Of subprocess.run.
+    """
+    return subprocess.run(
+        command, env=_safe(os.environ if env is None else env), **{"check": False, **options}
+    )
+
+
+def _safe(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment in which Python leaves the current folder out of the import path.
+
+    An empty entry of PYTHONPATH stands for that folder, too: `PYTHONPATH=$PYTHONPATH:folder` makes one.
+    """
+    safe = {**environment, SAFE_PATH: "1"}
+    if "PYTHONPATH" in safe:
+        safe["PYTHONPATH"] = os.pathsep.join(filter(None, safe["PYTHONPATH"].split(os.pathsep)))
+    return safe
+
+
+def _isolated_flags() -> list[str]:
+    """Return the options with which multiprocessing of Python 3.10 starts its processes: `-I` for `-P`.
+
+    A worker gets the import path of its parent before it imports anything else.
+    """
+    return [*subprocess._args_from_interpreter_flags(), "-I"]  # type: ignore[attr-defined]
