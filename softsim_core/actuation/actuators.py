@@ -17,7 +17,7 @@ from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.mechanics.control import Control, Transmissions
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, joined
-from softsim_core.mechanics.state import KEPT, State
+from softsim_core.mechanics.state import COMMANDED, EFFORT_CHANGE, KEPT, State
 
 
 class Constraints(NamedTuple):
@@ -252,6 +252,8 @@ class Actuators:
 
     def settle(self, state: State, commands: Array) -> None:
         """Take note that a state is at rest under the commands of all joints (j,)."""
+        if COMMANDED in state.extra:
+            state.extra[COMMANDED][:], state.extra[EFFORT_CHANGE][:] = commands, 0.0
         for row, actuator, part in self._keeping:
             actuator.settle(state, state.extra[KEPT][part], float(commands[self.joint[row]]))
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,9 @@ from softsim_core.arrays import Array, IndexArray
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactReport:
     """What touched in the last step, and what else came closer than the contact margin, with forces of zero.
+
+    Of a step that was cut in parts, what touched in several of them is here once for each: forces are shares,
+    so that their sum is the mean in time, and points and gaps are those at the end of the part.
 
     Attributes:
         points: Middle of each contact in [m], shape (k, 3).
@@ -68,6 +71,32 @@ NOTHING = ContactReport(
 def nothing() -> ContactReport:
     """The report where nothing touched."""
     return NOTHING
+
+
+def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport:
+    """The contacts of a step that was cut in parts: those of each, with its share of the force.
+
+    Args:
+        parts: Share of dt of each part, and what touched in it, in order.
+    """
+    pressed = [report.forces.any(axis=1) for _, report in parts]
+    pressed[-1][:] = True  # what came near only is that of the end
+    shown = [(share, report, own) for (share, report), own in zip(parts, pressed, strict=True) if own.any()]
+    if not shown:
+        return parts[-1][1]
+    reports = [report for _, report, _ in shown]
+    joined = {
+        name: np.concatenate([getattr(report, name)[own] for _, report, own in shown])
+        for name in ("points", "normals", "gaps", "pairs", "bodies", "vertices", "weights")
+    }
+    return replace(
+        reports[-1],
+        **joined,
+        forces=np.concatenate([share * report.forces[own] for share, report, own in shown]),
+        residual=max(report.residual for report in reports),
+        sweeps=sum(report.sweeps for report in reports),
+        passes=sum(report.passes for report in reports),
+    )
 
 
 def unknown() -> float:

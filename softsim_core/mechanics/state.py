@@ -19,6 +19,10 @@ REDUCED_ACCELERATION = "reduced_acceleration"
 """Name in State.extra of those of frames and joints, shape (r,)."""
 HOLDING = "holding"
 """Name in State.extra of whether contacts held what deforms in the last step, shape (1,), 0 or 1."""
+COMMANDED = "commanded"
+"""Name in State.extra of what joints were commanded last, shape (j,), where steps may be cut in parts."""
+EFFORT_CHANGE = "effort_change"
+"""Name in State.extra of the joint efforts in the last part of a cut step less those of the step, (j,)."""
 
 KEPT = "actuators"
 """Name in State.extra of what actuators keep from step to step, one behind the other, shape (k,)."""
@@ -53,7 +57,8 @@ class State:
         reduced_velocities: Velocity and spin of the free frames, then joint velocities, shape (6 f + j,).
         joint_positions: Joint positions in [rad] or [m], shape (j,).
         joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape
-            (j,); an actuator's is its multiplier, such as a tension.
+            (j,); an actuator's is its multiplier, such as a tension. Of a step that was cut in parts, their
+            mean in time.
         base_positions: Origins of the joint bases in [m] while their parents rest, without the shift, shape
             (j, 3).
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).

@@ -10,6 +10,7 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.dynamics.substeps import torn_by_rough_steps
 from softsim_core.errors import SceneError
 from softsim_core.fem.cells import takes_found_stress
 from softsim_core.fem.elements import element
@@ -25,6 +26,8 @@ from softsim_core.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mechanics.state import (
     ACCELERATION,
+    COMMANDED,
+    EFFORT_CHANGE,
     HOLDING,
     KEPT,
     MOVED,
@@ -129,6 +132,8 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,), HOLDING: (1,)}
+    if model.joints and scene.solver.substeps > 1 and torn_by_rough_steps(model.groups):
+        shapes |= {COMMANDED: (len(model.joints),), EFFORT_CHANGE: (len(model.joints),)}
     if acting.keeps:
         shapes[KEPT] = (acting.keeps,)
     for k, group in enumerate(model.groups):

@@ -22,7 +22,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.carrier import Carrier
-from softsim_core.mechanics.model import FIXED, Model
+from softsim_core.mechanics.model import FIXED, FREE, Model
 from softsim_core.mechanics.pose import cross
 from softsim_core.sensing.building import Scenery, SensorKind, both
 from softsim_core.sensing.description import PLACE, Reference, SimulatedSensorDescription
@@ -82,7 +82,9 @@ class ForceTorqueSensor(Sensor):
         """Force, then moment, shape (6,)."""
         model, state, before = seen.model, seen.state, seen.before
         change = model.momentum(state.velocities - before.velocities) / model.dt
-        missing = change - model.weight - seen.forces + seen.drag * model.momentum(state.velocities)
+        free = (model.region_of_node == FREE)[:, None]  # bases may be re-placed, which is no motion
+        rates = np.where(free, (state.positions - before.positions) / model.dt, state.velocities)
+        missing = change - model.weight - seen.forces + seen.drag * model.momentum(rates)
         points = before.positions[self._nodes]
         origin, rotation = self._place.pose(model, before)
         touching = seen.contacts

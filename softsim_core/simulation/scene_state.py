@@ -32,7 +32,7 @@ from softsim_core.fem.recovery import stress_at_nodes
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.pose import Pose, quaternion_of
 from softsim_core.mechanics.rows import Rows
-from softsim_core.mechanics.state import State
+from softsim_core.mechanics.state import COMMANDED, State
 from softsim_core.mesh.follower import SurfaceFollower
 from softsim_core.scene.body import Body
 from softsim_core.scene.builder import BuiltScene, build
@@ -160,6 +160,8 @@ class SceneState:
                 velocity = np.array(description.velocity, dtype=float)
                 set_body_motion(self.model, state, body, velocity, np.zeros(3))
         self._actuators.measure(self.model, state)
+        if COMMANDED in state.extra:
+            state.extra[COMMANDED][:] = state.joint_positions
         return state
 
     def keep_state_in(self, buffer: Array) -> None:

@@ -26,7 +26,7 @@ class Shearing:
     """Stands in for a step: shears at a rate [1/s], or fails, and notes what it was told."""
 
     name, compiled = "shearing", False
-    actuators = SimpleNamespace(paced=np.zeros(0, np.int64))
+    actuators = SimpleNamespace(paced=np.zeros(0, np.int64), joint=np.zeros(0, np.int64))
 
     def __init__(
         self, model: Model, rate: float, fails_above: float, told: list[tuple[float, Control]]
@@ -66,7 +66,7 @@ def advance(made: SubstepStepper, state: State) -> StepReport:
 def test_a_command_of_pressure_is_the_same_in_each_half() -> None:
     """It is no place that a joint is on its way to."""
     made, state, told = stepper(rate=100.0, most=2)
-    made.actuators = SimpleNamespace(paced=np.array([0]))  # type: ignore[assignment]
+    made.actuators = SimpleNamespace(paced=np.array([0]), joint=np.array([0]))  # type: ignore[assignment]
     advance(made, state)
     first = next(control for dt, control in told if dt == 0.005)
     assert first.targets.tolist() == [0.4, 0.8]
