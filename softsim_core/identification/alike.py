@@ -21,17 +21,23 @@ CHANCE = 2.0
 """Standard deviations of a correlation of independent rows beyond which one is not by chance."""
 
 
-def widening(slopes: Array, residuals: Array, sessions: Sequence[tuple[IndexArray, int]]) -> Array:
+def widening(
+    slopes: Array,
+    residuals: Array,
+    sessions: Sequence[tuple[IndexArray, int]],
+    priors: Array | None = None,
+) -> Array:
     """How many times as wide the interval of each parameter is, shape (p,), >= 1.
 
     Args:
-        slopes: Of all residuals, those of the sessions first, shape (n, p).
-        residuals: Shape (n,).
+        slopes: Of all residuals, those of the sessions one after the other, shape (n, p).
+        residuals: Shape (n,); beside priors of unit variance.
         sessions: Of each, the order in which neighbours follow each other, (k,), and the residuals of a row.
+        priors: Slopes of residuals of unit variance that are independent of all, shape (m, p).
     """
-    inverse = np.linalg.pinv(slopes.T @ slopes)
-    apart = np.zeros_like(inverse)
-    together = np.zeros_like(inverse)
+    known = np.zeros((slopes.shape[1],) * 2) if priors is None else priors.T @ priors
+    inverse = np.linalg.pinv(slopes.T @ slopes + known)
+    apart, together = known.copy(), known.copy()
     first = 0
     for order, size in sessions:
         own = slice(first, first + len(order) * size)

@@ -2,8 +2,8 @@ r"""How far a calibration can be trusted: errors of rows that were left out, int
 
 Rows are dealt into folds; the parameters are fitted to all but one fold, by one Gauss-Newton step from those
 of all rows with the slopes there, and that fold is compared. A profile of a parameter is the least sum of
-squares with it held at a value; its 95 % interval reaches to where this has grown by
-:math:`\chi^2_{1, 0.95}` times the variance of the errors.
+squares with it held at a value, with the noise of the whole fit; its 95 % interval reaches to where this has
+grown by the square of its half width in standard errors.
 
 Sources: Stone 1974, Cross-validatory choice; Venzon, Moolgavkar 1988, Profile-likelihood-based intervals.
 """
@@ -18,13 +18,11 @@ import numpy as np
 
 from softsim_core.arrays import Array, BoolArray
 from softsim_core.errors import DataError
-from softsim_core.identification.fit import QUANTILE, Calibration, Problem, freedom
+from softsim_core.identification.fit import Calibration
 from softsim_core.identification.misfit import mean_error
+from softsim_core.identification.problem import Problem
 from softsim_core.identification.session import Session
 from softsim_core.identification.validation import compared
-
-CHI2: Final = QUANTILE**2
-"""95 % quantile of a chi-squared variable of one degree of freedom."""
 
 ROUNDS: Final = 4
 """Places that are tried for an end of an interval."""
@@ -64,9 +62,7 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
     """
     problem = result.problem
     best = (result.values - problem.low) / problem.span
-    problem.slopes(best)
-    around = problem.around
-    assert around is not None
+    around = problem.look_around(best)
     generator, sessions = np.random.default_rng(seed), problem.misfit.sessions
     fold_of = [_dealt(each, count, generator) for each in sessions]
     fitted: dict[str, list[float]] = {each.name: [] for each in sessions}
@@ -115,7 +111,7 @@ def profiled(result: Calibration, parameter: int, done: Done | None = None) -> t
     best = (result.values - problem.low) / problem.span
     slopes, left = problem.slopes(best), problem.residuals(best)
     least = float(left @ left)
-    wanted = CHI2 * least / freedom(problem, len(left))
+    wanted = float(result.quantiles[parameter] * result.widening[parameter]) ** 2
     others = np.arange(len(best)) != parameter
     along = np.zeros_like(best)  # how the others follow, to first order
     along[parameter] = 1.0

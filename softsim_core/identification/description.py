@@ -287,6 +287,12 @@ class SessionDescription:
         """Names of the sensors, in order."""
         return tuple(sensor.name for sensor in self.sensors)
 
+    @property
+    def fitted_numbers(self) -> int:
+        """How many numbers of frame, sensor points and delay are fitted to the rows."""
+        delay = self.time is not None and self.time.most_delay > 0.0
+        return 6 * self.alignment.frame + 3 * self.alignment.point * len(self.sensors) + delay
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataSetDescription:

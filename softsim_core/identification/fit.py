@@ -1,13 +1,13 @@
 r"""Parameters of a model found from measurements, and what the measurements do not tell.
 
-With the errors e(p) of all training rows, each session aligned as it is described for each p anew,
+What is minimised, within bounds, is in `problem`. Its noise is estimated where a search ends; with priors,
+whose weight beside the rows it decides, the search goes on until both agree. A prior that the rows contradict
+is left out and reported, see `conflicts`.
 
-.. math:: \min_p \sum_i \rho(|e_i|^2 / s^2) + \sum_k (p_k - p_k^0)^2 / \sigma_k^2
-
-within bounds; priors only where they are given. From the slopes J of the errors at the end follow standard
-errors and correlations, as if errors were independent of each other; where those of neighbouring rows are
-alike, intervals are wider, see `alike`. A parameter whose 95 % interval is wider than its bounds has not been
-found, whatever number stands there.
+From the slopes J of the errors at the end follow standard errors and correlations, as if errors were
+independent of each other; where those of neighbouring rows are alike, intervals are wider, see `alike`.
+Intervals have Student's quantiles: the noise of few rows is hardly known. A parameter whose 95 % interval is
+wider than its bounds has not been found, whatever number stands there.
 
 Source: Seber, Wild 1989, Nonlinear regression (intervals from linearisation).
 """
@@ -19,112 +19,33 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import qmc, t
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.arrays import Array, BoolArray
 from softsim_core.errors import DataError, SceneError
-from softsim_core.identification.alike import widening
 from softsim_core.identification.calibration import CalibrationDescription, calibration_sessions
+from softsim_core.identification.conflicts import PriorConflict, conflicting_prior
 from softsim_core.identification.expressions import filled
 from softsim_core.identification.files import DataSet
+from softsim_core.identification.loss import PointLoss
 from softsim_core.identification.misfit import Misfit, Progress
-from softsim_core.identification.replay import Prediction, in_short_steps
-from softsim_core.identification.session import Session
+from softsim_core.identification.problem import Problem
+from softsim_core.identification.spread import Spread, spread_of
 
 QUANTILE = 1.96
-"""Standard errors in half of a 95 % interval."""
-
-STEP = 0.004
-"""Part of its bounds by which a parameter is moved to see what changes."""
+"""Standard errors in half of a 95 % interval, where the noise is known from many rows."""
 
 ENOUGH = 1e-4
 """Part of their bounds, and of the sum of squares, by which the last round changes the parameters at most."""
 
+CONSISTENT = 0.01
+"""Part of itself by which the noise changes at most in the last search with priors."""
+
+SEARCHES = 10
+"""Searches after which the noise is taken as it is."""
+
 ALIKE = 0.02
 """Ends of searches that differ by less of the bounds, from each other, are one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Around:
-    """Predictions of all sessions at a place, and with each parameter moved by a step.
-
-    Attributes:
-        part: The place, in parts of the bounds, shape (p,).
-        steps: Of each parameter, in parts of its bounds, shape (p,).
-        here: Of the sessions.
-        moved: Of the sessions, for each parameter.
-    """
-
-    part: Array
-    steps: Array
-    here: list[Prediction]
-    moved: list[list[Prediction]]
-
-
-class Problem:
-    """What is minimised, in parts of the bounds: errors over the scale, then priors.
-
-    Attributes:
-        misfit: Errors of the rows.
-        low: Lower bounds, shape (p,).
-        span: Between the bounds, shape (p,).
-        scale: What errors are divided by, in [m].
-        around: Where slopes were taken last.
-    """
-
-    def __init__(self, misfit: Misfit, scale: float) -> None:
-        wanted = misfit.parameters
-        self.misfit, self.scale = misfit, scale
-        self.low = np.array([each.lower for each in wanted])
-        self.span = np.array([each.span for each in wanted])
-        self.start = (np.array([each.start for each in wanted]) - self.low) / self.span
-        priors = np.array([np.inf if each.prior is None else each.prior for each in wanted])
-        self._known = np.flatnonzero(np.isfinite(priors))
-        self._weights = (self.span / priors)[self._known]
-        self.around: Around | None = None
-        self._slopes: Array | None = None
-
-    @property
-    def priors(self) -> int:
-        """How many of the residuals are priors."""
-        return len(self._known)
-
-    def values(self, part: Array) -> Array:
-        """Parameters (p,) at a place in parts of their bounds."""
-        return np.asarray(self.low + self.span * part)
-
-    def residuals(self, part: Array) -> Array:
-        """Of a replay, shape (n,)."""
-        return self._joined(self.misfit(self.values(part)), part)
-
-    def _joined(self, errors: Array, part: Array) -> Array:
-        beside = self._weights * (part - self.start)[self._known]
-        return np.concatenate([errors / self.scale, beside])
-
-    def slopes(self, part: Array) -> Array:
-        """Derivatives of the residuals by differences, shape (n, p)."""
-        if self._slopes is not None and self.around is not None and np.array_equal(self.around.part, part):
-            return self._slopes
-        steps = np.where(part + STEP <= 1.0, STEP, -STEP)
-        residuals = [self.residuals(part)]
-        here, moved = self.misfit.latest, []
-        for each in np.diag(steps):
-            residuals.append(self.residuals(part + each))
-            moved.append(self.misfit.latest)
-        self.around = Around(part.copy(), steps, here, moved)
-        self._slopes = (np.array(residuals[1:]) - residuals[0]).T / steps
-        return self._slopes
-
-    def again(self, around: Around, sessions: Sequence[Session]) -> tuple[Array, Array]:
-        """Residuals (n,) and slopes (n, p) of replays that have been made, with other rows that fit."""
-
-        def residuals(predictions: Sequence[Prediction], part: Array) -> Array:
-            return self._joined(self.misfit.errors(predictions, self.values(part), sessions), part)
-
-        here = residuals(around.here, around.part)
-        places = around.part + np.diag(around.steps)
-        moved = [residuals(each, place) for each, place in zip(around.moved, places, strict=True)]
-        return here, np.asarray((np.array(moved) - here).T / around.steps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +68,8 @@ class Calibration:
         errors: Their standard errors, infinite where the rows tell nothing, shape (p,).
         correlation: Of these, shape (p, p).
         widening: How many times as large they are because neighbouring rows err alike, >= 1, shape (p,).
+        freedom: Degrees of freedom of Student's distribution of each, shape (p,).
+        conflicts: Priors that the rows contradict; they are left out.
         before, after: Mean error of the rows in [m] with the start values and with those found, by session.
         rows: How many rows each session gave.
         evaluations: How often all rows were replayed.
@@ -163,6 +86,8 @@ class Calibration:
     errors: Array
     correlation: Array
     widening: Array
+    freedom: Array
+    conflicts: tuple[PriorConflict, ...]
     before: dict[str, float]
     after: dict[str, float]
     rows: dict[str, int]
@@ -181,9 +106,19 @@ class Calibration:
             )
 
     @property
+    def quantiles(self) -> Array:
+        """Standard errors in half of a 95 % interval, shape (p,)."""
+        return np.asarray(t.ppf(0.975, self.freedom))
+
+    @property
+    def half_widths(self) -> Array:
+        """Half of the 95 % interval of each parameter, shape (p,)."""
+        return np.asarray(self.quantiles * self.widening * self.errors)
+
+    @property
     def found(self) -> BoolArray:
         """Which parameters the rows tell: whose 95 % interval is narrower than their bounds, shape (p,)."""
-        return np.asarray(2.0 * QUANTILE * self.widening * self.errors < self.problem.span)
+        return np.asarray(2.0 * self.half_widths < self.problem.span)
 
     @property
     def at_bounds(self) -> BoolArray:
@@ -249,44 +184,71 @@ def calibrate(
     """
     whole = calibration_sessions(description, data)
     misfit = Misfit(description, description.robot or data.robot, whole, every or description.every, progress)
-    problem = Problem(misfit, 1e-3 * description.scale_mm)
+    return fit(description, misfit, following)
+
+
+def fit(
+    description: CalibrationDescription, misfit: Misfit, following: Following | None = None
+) -> Calibration:
+    """Find the parameters with the least misfit; as `calibrate`, which makes the misfit from measurements."""
+    problem = Problem(misfit, PointLoss(description.loss, 1e-3 * description.scale_mm))
     start = problem.values(problem.start)
     misfit.follow(start, following)
     misfit(start)
     before = dict(misfit.means)
-    endings: list[tuple[float, Array, Ending]] = []
+    endings: list[Ending] = []
+    conflicts: list[PriorConflict] = []
     stopped = False
     try:
-        for begin in _starts(problem, description):
-            ending = _searched(problem, begin, description)
-            if ending is not None:
-                endings.append(ending)
-        endings.sort(key=lambda each: each[0])
-        best = endings[0][1]
-        slopes, left = problem.slopes(best), problem.residuals(best)
+        best, endings = _best(problem, description)
+        while (conflict := conflicting_prior(problem, best)) is not None:
+            conflicts.append(conflict)
+            problem.leave_out_prior(conflict.parameter)
+            best = _refined(problem, best)
+        endings[0] = _ending(problem, best)
         values, after = problem.values(best), dict(misfit.means)
-        spread, correlation = _spread(slopes, left, problem)
-        wider = widening(slopes, left, [_in_order(each) for each in misfit.sessions])
+        spread = spread_of(problem, best)
     except KeyboardInterrupt:
         stopped, values, after = True, misfit.best_values, misfit.best_means
-        spread = np.full(len(values), np.inf)
-        correlation, wider = np.full((len(values),) * 2, np.nan), np.ones(len(values))
+        spread = Spread.unknown(len(values))
     return Calibration(
         description,
         misfit.names,
         tuple(each.unit for each in misfit.parameters),
         values,
-        problem.span * spread,
-        correlation,
-        wider,
+        problem.span * spread.errors,
+        spread.correlation,
+        spread.widening,
+        spread.freedom,
+        tuple(conflicts),
         before,
         after,
         misfit.rows,
         misfit.count,
-        tuple(each[2] for each in endings),
+        tuple(endings),
         problem,
         stopped,
     )
+
+
+def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array, list[Ending]]:
+    """Where the best search ended, and the endings of all, the best first.
+
+    The first search finds the noise with which all are compared.
+    """
+    first, *others = _starts(problem, description)
+    problem.estimate_noise(first)
+    found = [_refined(problem, first)]
+    for begin in others:
+        try:
+            found.append(_searched(problem, begin))
+        except (DataError, SceneError):  # the model loses the rows at a start that nobody described
+            continue
+    costs = [float((problem.residuals(each) ** 2).sum()) for each in found]
+    order = np.argsort(costs, kind="stable")
+    endings = [_ending(problem, found[k]) for k in order]
+    best = found[order[0]]
+    return (best if best is found[0] else _refined(problem, best)), endings
 
 
 def _starts(problem: Problem, description: CalibrationDescription) -> list[Array]:
@@ -298,56 +260,30 @@ def _starts(problem: Problem, description: CalibrationDescription) -> list[Array
     return [first, *np.clip(even[: description.starts - 1], 1e-3, 1.0 - 1e-3)]
 
 
-def _searched(
-    problem: Problem, begin: Array, description: CalibrationDescription
-) -> tuple[float, Array, Ending] | None:
-    """Cost, place and ending of a search; None: the model loses the rows at a start that nobody described."""
+def _refined(problem: Problem, begin: Array) -> Array:
+    """Where searches from a place end that go on until their priors and the noise agree."""
+    for _ in range(SEARCHES):
+        before = problem.noise
+        begin = _searched(problem, begin)
+        problem.estimate_noise(begin)
+        if not len(problem.known) or abs(problem.noise / before - 1.0) < CONSISTENT:
+            break
+    return begin
+
+
+def _searched(problem: Problem, begin: Array) -> Array:
+    """Where a search from a place ends, with the noise as it is."""
     from scipy.optimize import least_squares  # late: the rest of the package starts without it
 
     bounds = np.zeros(len(begin)), np.ones(len(begin))
-    try:
-        found = least_squares(
-            problem.residuals, begin, problem.slopes, bounds, loss=description.loss,
-            xtol=ENOUGH, ftol=ENOUGH, x_scale=1.0,
-        )  # fmt: skip
-    except (DataError, SceneError):
-        if np.abs(begin - problem.start).max() < 1e-3:
-            raise
-        return None
-    problem.residuals(found.x)
-    mean = float(np.mean(list(problem.misfit.means.values())))
-    return float(found.cost), found.x, Ending(tuple(problem.values(found.x).tolist()), mean)
-
-
-def _in_order(session: Session) -> tuple[IndexArray, int]:
-    """Rows that fit in an order in which neighbours follow each other, and how many errors each has."""
-    size, count = 3 * len(session.description.sensors), int(session.fitting.sum())
-    if session.times is not None:
-        return np.arange(count), size
-    places = session.measured[session.fitting].reshape(count, size)
-    return in_short_steps(places, places[0]), size
-
-
-def freedom(problem: Problem, residuals: int) -> int:
-    """Residuals of rows beyond what is fitted to them: parameters, frames, sensor points."""
-    aligned = sum(
-        6 * each.description.alignment.frame
-        + 3 * each.description.alignment.point * len(each.description.sensors)
-        for each in problem.misfit.sessions
+    found = least_squares(
+        problem.residuals, begin, problem.slopes, bounds, xtol=ENOUGH, ftol=ENOUGH, x_scale=1.0
     )
-    return max(residuals - problem.priors - len(problem.span) - aligned, 1)
+    return np.asarray(found.x)
 
 
-def _spread(slopes: Array, left: Array, problem: Problem) -> tuple[Array, Array]:
-    """Standard errors (p,) and correlations (p, p) from the slopes at the end and the errors left there."""
-    count = len(left) - problem.priors
-    variance = float((left[:count] ** 2).sum()) / freedom(problem, len(left))
-    weighted = slopes.copy()
-    weighted[:count] /= np.sqrt(max(variance, 1e-30))
-    _, sizes, vt = np.linalg.svd(weighted, full_matrices=False)
-    with np.errstate(divide="ignore"):
-        parts = vt.T / sizes
-    spread = np.sqrt((parts**2).sum(axis=1))
-    with np.errstate(invalid="ignore"):
-        correlation = (parts @ parts.T) / np.multiply.outer(spread, spread)
-    return spread, correlation
+def _ending(problem: Problem, place: Array) -> Ending:
+    """The ending of a search at a place."""
+    problem.residuals(place)
+    mean = float(np.mean(list(problem.misfit.means.values())))
+    return Ending(tuple(problem.values(place).tolist()), mean)

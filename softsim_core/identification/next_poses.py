@@ -19,7 +19,8 @@ from scipy.stats import qmc
 from softsim_core.arrays import Array
 from softsim_core.errors import DataError
 from softsim_core.identification.alignment import Alignment, sensed
-from softsim_core.identification.fit import Calibration, Problem, freedom
+from softsim_core.identification.fit import Calibration
+from softsim_core.identification.problem import Problem
 from softsim_core.identification.replay import Near, Prediction, equilibria
 from softsim_core.identification.validation import compared
 from softsim_core.mechanics.pose import cross_matrix
@@ -68,11 +69,8 @@ def next_poses(
     problem, chosen = result.problem, _at_rest(result)
     session = problem.misfit.sessions[chosen]
     best = (result.values - problem.low) / problem.span
-    slopes, left = problem.slopes(best), problem.residuals(best)
-    around = problem.around
-    assert around is not None
-    rows_left = left[: len(left) - problem.priors]
-    variance = float(rows_left @ rows_left) / freedom(problem, len(left))
+    around = problem.look_around(best)
+    slopes, _ = problem.information(best)
     replayed = [around.here[chosen], *(each[chosen] for each in around.moved)]
     there_are = session.fitting & np.logical_and.reduce([each.reached for each in replayed])
     alignment = compared(session, replayed[0]).alignment
@@ -82,14 +80,14 @@ def next_poses(
     measured = _slopes(replayed, around.steps, *aligned)[there_are]
     commands = _candidates(result, chosen, candidates, seed)
     offered = _slopes(_replayed(result, chosen, commands, around.steps, done), around.steps, *aligned)
-    offered = offered / (problem.scale * np.sqrt(variance))
+    offered = offered / problem.noise
     reached = np.isfinite(offered).all(axis=(1, 2))
     if not reached.any():
         raise DataError(f"session {session.name}", "commands", "no candidate has an equilibrium")
     size = len(best)
-    flat = measured.reshape(-1, measured.shape[-1]) / (problem.scale * np.sqrt(variance))
+    flat = measured.reshape(-1, measured.shape[-1]) / problem.noise
     information = flat.T @ flat
-    information[:size, :size] += _from_others(problem, slopes, chosen, variance)
+    information[:size, :size] += _from_others(problem, slopes, chosen)
     taken: list[int] = []
     errors = [_errors(information, size)]
     each = np.einsum("nra,nrb->nab", offered, offered)
@@ -141,14 +139,13 @@ def _replayed(
     return replayed
 
 
-def _from_others(problem: Problem, slopes: Array, chosen: int, variance: float) -> Array:
+def _from_others(problem: Problem, slopes: Array, chosen: int) -> Array:
     """What all other sessions, each aligned for itself, and priors tell of the parameters, shape (p, p)."""
     counts = [3 * len(each.description.sensors) * int(each.fitting.sum()) for each in problem.misfit.sessions]
     first = sum(counts[:chosen])
     other = np.delete(slopes, np.arange(first, first + counts[chosen]), axis=0)
-    weights = np.full(len(other), 1.0 / variance)
-    weights[len(other) - problem.priors :] = 1.0
-    return np.asarray((other.T * weights) @ other)
+    priors = problem.prior_slopes
+    return np.asarray(other.T @ other + priors.T @ priors)
 
 
 def _slopes(

@@ -64,10 +64,8 @@ def page(robot: str, result: Calibration, further: Further) -> str:
 
 
 def _parameters(result: Calibration, further: Further) -> str:
-    from softsim_core.identification.fit import QUANTILE
-
     start = result.problem.values(result.problem.start)
-    half = QUANTILE * result.widening * result.errors
+    half = result.half_widths
     rows = []
     for k, name in enumerate(result.names):
         by_profile = "" if further.intervals is None else interval(*further.intervals[k])

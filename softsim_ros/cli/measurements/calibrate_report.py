@@ -83,18 +83,16 @@ def interval(low: float, high: float) -> str:
 
 def sentences(result: Calibration) -> list[str]:
     """What was found, as lines for people."""
-    from softsim_core.identification.fit import QUANTILE
-
     lines = ["interrupted: the best that was tried follows"] if result.stopped else []
     width = max(len(each) for each in result.names)
     starts = result.problem.values(result.problem.start)
     for k, name in enumerate(result.names):
-        half = QUANTILE * result.errors[k]
+        half = result.quantiles[k] * result.errors[k]
         found = f"+- {half:.3g}" if np.isfinite(half) else "+- ?"
         told = f"{name:<{width}}  {result.values[k]:>10.4g} {found:<11} {result.units[k]:<12}"
         said = verdict(result, k)
         lines.append(f"{told} began at {starts[k]:g}{said and '  '}{said}")
-    lines += told_of_neighbours(result)
+    lines += told_of_neighbours(result) + told_of_priors(result)
     if len(result.endings) > 1:
         lines.append(told_of_endings(result))
     lines += [
@@ -111,13 +109,21 @@ def sentences(result: Calibration) -> list[str]:
 
 def told_of_neighbours(result: Calibration) -> list[str]:
     """By how much intervals are wider because neighbouring rows err alike; nothing where they hardly are."""
-    from softsim_core.identification.fit import QUANTILE
-
     if result.stopped or result.widening.max() < WIDER:
         return []
-    half = QUANTILE * result.widening * result.errors
-    each = ", ".join(f"{name} +- {value:.3g}" for name, value in zip(result.names, half, strict=True))
+    widths = zip(result.names, result.half_widths, strict=True)
+    each = ", ".join(f"{name} +- {value:.3g}" for name, value in widths)
     return [f"neighbouring rows err alike, so intervals are wider than told above: {each}"]
+
+
+def told_of_priors(result: Calibration) -> list[str]:
+    """Which priors the rows contradict, and that these were left out."""
+    return [
+        f"PRIOR LEFT OUT: {each.name} was given as {each.mean:.4g} +- {each.deviation:.3g}, and the rows "
+        f"tell {each.told:.4g} +- {each.error:.3g} (standard deviations), which chance makes in "
+        f"{100.0 * each.chance:.2g} % of all calibrations; check the prior, the units and the model"
+        for each in result.conflicts
+    ]
 
 
 def told_of_endings(result: Calibration) -> str:
@@ -166,11 +172,24 @@ def plain(result: Calibration) -> dict[str, Any]:
                 "value": float(result.values[k]),
                 "standard_error": number(result.errors[k]),
                 "widening": number(result.widening[k]),
+                "interval": [number(result.values[k] + side * result.half_widths[k]) for side in (-1.0, 1.0)],
                 "found": bool(result.found[k]),
                 "at_bound": bool(result.at_bounds[k]),
             }
             for k, name in enumerate(result.names)
         ],
+        "priors_left_out": [
+            {
+                "name": each.name,
+                "mean": each.mean,
+                "standard_deviation": each.deviation,
+                "rows_tell": each.told,
+                "rows_standard_error": number(each.error),
+                "chance": each.chance,
+            }
+            for each in result.conflicts
+        ],
+        "noise_mm": 1e3 * result.problem.noise,
         "endings": [{"values": list(each.values), "mean_mm": 1e3 * each.mean} for each in result.endings],
         "correlation": [[number(each) for each in row] for row in result.correlation.tolist()],
         "sessions": {
