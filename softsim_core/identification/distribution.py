@@ -89,8 +89,9 @@ def _root(covariance: Array) -> Array:
 def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
     """That of a calibration: normal, of what the rows do not tell as wide as the bounds.
 
-    A parameter that each session has its own of is that of a session drawn by chance: the mean over them, and
-    their variance beside that of each.
+    A parameter that each session has its own of is that of a new session: about the mean of the n sessions
+    with their variance :math:`s^2`, which has n - 1 degrees of freedom, times :math:`1 + 1/n`. The errors of
+    the sessions' own values are in :math:`s^2`; where these are by chance alike, they stand in its place.
 
     Args:
         result: The calibration, not interrupted.
@@ -103,12 +104,14 @@ def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
     covariance = correlation * np.multiply.outer(errors, errors)
     of = [name.partition(" ")[0] for name in result.names]
     chosen = np.array([[name == each.name for name in of] for each in wanted], dtype=float)
-    chosen /= chosen.sum(axis=1, keepdims=True)
+    counts = chosen.sum(axis=1)
+    chosen /= counts[:, None]
     mean = chosen @ result.values
-    between = chosen @ result.values**2 - mean**2
+    between = (chosen @ result.values**2 - mean**2) * counts / np.maximum(counts - 1.0, 1.0)
     shared = chosen @ covariance @ chosen.T
     within = chosen @ np.diagonal(covariance)
-    np.fill_diagonal(shared, np.where(chosen.max(axis=1) < 1.0, between + within, np.diagonal(shared)))
+    new = np.maximum(between, within) * (1.0 + 1.0 / counts)
+    np.fill_diagonal(shared, np.where(counts > 1.0, new, np.diagonal(shared)))
     sizes, axes = np.linalg.eigh(shared)
     shared = (axes * np.maximum(sizes, 0.0)) @ axes.T
     return DistributionDescription(

@@ -142,7 +142,7 @@ def test_sessions_have_numbers_of_their_own(tmp_path: Path) -> None:
     assert result.overlay["joints"][0]["rest"] == pytest.approx(-result.values[:2].mean())
     left_open = distribution_of(result, "arm.yaml")
     assert left_open.names == ("zero", "young")
-    assert np.sqrt(left_open.covariance[0][0]) == pytest.approx(0.025, rel=0.1)  # between the sessions
+    assert left_open.covariance[0][0] == pytest.approx(0.05**2 / 2 * (1 + 1 / 2), rel=0.1)  # a new session
 
 
 def test_what_is_left_open_is_drawn(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from softsim_core.identification.description import (
     SensorDescription,
     SessionDescription,
 )
+from softsim_core.identification.distribution import distribution_of
 from softsim_core.identification.fit import QUANTILE, Calibration, fit
 from softsim_core.identification.loss import PointLoss
 from softsim_core.identification.misfit import Misfit
@@ -242,3 +243,14 @@ def test_a_loss_is_that_of_points_in_any_frame(kind: Loss) -> None:
         for each in np.eye(15)
     ]
     assert loss.curvature(errors) == pytest.approx(np.mean(bends), abs=1e-8)
+
+
+def test_a_new_session_varies_as_those_there_are_and_as_their_mean_is_unknown() -> None:
+    result, truth = BENCHES["three sessions"].fitted(0)
+    left_open = distribution_of(result, "arm")
+    assert left_open.names == ("zero", "sag")
+    assert left_open.covariance[0][0] == pytest.approx(np.var(result.values[:3], ddof=1) * (1 + 1 / 3))
+    assert left_open.covariance[0][0] == pytest.approx(np.var(truth[:3], ddof=1) * (1 + 1 / 3), rel=0.02)
+    alike = distribution_of(replace(result, values=result.values[[0, 0, 0, 3]]), "arm")
+    within = np.mean((result.widening * result.errors)[:3] ** 2)
+    assert alike.covariance[0][0] == pytest.approx(within * (1 + 1 / 3))
