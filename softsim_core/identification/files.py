@@ -42,10 +42,17 @@ class DataSet:
         file = self.folder / session.file
         if file.exists():
             return file
-        variable = self.description.data.variable
+        told, variable = self.description, self.description.data.variable
         how = f", or set {variable} to it" if variable else ""
+        where = (
+            f". They come from: {told.source} (licence: {told.licence or 'not stated'})"
+            if told.source
+            else ""
+        )
         raise DataError(
-            f"session {session.name}", "", f"no file {file}; name the folder of the data (--data DIR){how}"
+            f"session {session.name}",
+            "",
+            f"no file {file}; name the folder of the data (--data DIR){how}{where}",
         )
 
     @property

@@ -66,6 +66,7 @@ def _session(result: SessionResult) -> dict[str, Any]:
             "alignment": _alignment(result.alignment),
             "beyond_limits": result.beyond,
             "warnings": list(result.warnings),
+            "each_row": _each_row(result),
         }
     return {
         "rows": len(session.table),
@@ -80,6 +81,28 @@ def _session(result: SessionResult) -> dict[str, Any]:
             for other, errors in result.others.items()
         },
     }
+
+
+def _each_row(result: SessionResult) -> list[dict[str, Any]]:
+    """Rows: line in the table, commands as it has them, errors; null where the model has none."""
+    session, names = result.session, result.session.description.sensor_names
+    columns = session.description.commands
+    commands = {name: session.table.numbers(name).tolist() for name in (columns.columns if columns else ())}
+    rows = []
+    for k, line in enumerate(session.table.lines):
+        known = bool(result.known[k])
+        rows.append(
+            {
+                "line": int(line),
+                "time_s": None if session.times is None else float(session.times[k]),
+                "used_for": "training" if session.fitting[k] else "held out" if session.used[k] else None,
+                "commands": {name: values[k] for name, values in commands.items()},
+                "model_m": dict(zip(names, result.positions[k].tolist(), strict=True)) if known else None,
+                "error_m": dict(zip(names, result.aligned[k].tolist(), strict=True)) if known else None,
+                "raw_error_m": dict(zip(names, result.raw[k].tolist(), strict=True)) if known else None,
+            }
+        )
+    return rows
 
 
 def _alignment(alignment: Alignment) -> dict[str, Any]:

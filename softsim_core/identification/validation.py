@@ -28,6 +28,9 @@ SCALE_APART = 8.0
 TURNED = np.pi / 4.0
 """A frame that is turned by more than this is warned of, in [rad]."""
 
+SPANS = 5
+"""A delay that is fitted to all rows is fitted anew for each of so many spans of time, without its rows."""
+
 AT_REST = 0.5
 """A replay in time has come to rest in its last so many seconds."""
 
@@ -49,7 +52,8 @@ class SessionResult:
         known: Rows that the model has, shape (k,).
         alignment: Frame and points, fitted to the training rows as described; None: no model was asked.
         raw: Model minus measurement in [m] with frame and points as described, shape (k, s, 3).
-        aligned: The same with the alignment.
+        aligned: The same with the alignment; where no rows are held out, a span of time has a delay that is
+            fitted to the other spans.
         positions: Where the model has the sensors, in [m], shape (k, s, 3).
         others: What other models leave, by name.
         warnings: What a reader must know, in sentences.
@@ -149,7 +153,28 @@ def validate_session(
         known = np.zeros(len(nothing), bool)
         others = _others(session)
         return SessionResult(session, known, None, nothing, nothing, nothing, others, (), False)
-    return compared(session, replay(robot, session, order, progress), given)
+    prediction = replay(robot, session, order, progress)
+    result = compared(session, prediction, given)
+    return result if given is not None else _judged_by_others(result, prediction)
+
+
+def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionResult:
+    """The result with each span of time aligned by the others, where a delay would be fitted to all rows.
+
+    A delay makes up for much of what a model does wrong; where rows are held out, it does not know them.
+    """
+    session, time = result.session, result.session.description.time
+    held_out = session.used & ~session.training
+    rows = np.flatnonzero(session.fitting & result.known)
+    if time is None or not time.most_delay or held_out.any() or result.stopped or len(rows) < 2 * SPANS:
+        return result
+    aligned, positions = result.aligned.copy(), result.positions.copy()
+    for span in np.array_split(rows, SPANS):
+        training = session.training.copy()
+        training[span] = False
+        others = compared(replace(session, training=training), prediction)
+        aligned[span], positions[span] = others.aligned[span], others.positions[span]
+    return replace(result, aligned=aligned, positions=positions)
 
 
 def compared(session: Session, prediction: Prediction, given: Alignment | None = None) -> SessionResult:
@@ -236,14 +261,17 @@ def _aligned(session: Session, prediction: Prediction, described: Alignment) -> 
 
 
 def _need_same_scale(session: Session, prediction: Prediction) -> None:
-    """Refuse measurements whose motion is of quite another size than the model's."""
+    """Refuse measurements whose motion between load cases is of quite another size than the model's."""
     positions, _, known = prediction.at(session)
-    rows = session.fitting & known
-    if rows.sum() < 3:
+    rows = np.flatnonzero(session.fitting & known)
+    cases = session.load_cases[rows]
+    if len(rows) < 3 or len(np.unique(cases)) < 2:
         return
+    means = [rows[cases == case] for case in np.unique(cases)]
     for s, sensor in enumerate(session.description.sensors):
         model, measured = (
-            float(np.std(each[rows, s], axis=0).max()) for each in (positions, session.measured)
+            float(np.std([each[case, s].mean(axis=0) for case in means], axis=0).max())
+            for each in (positions, session.measured)
         )
         if min(model, measured) * SCALE_APART < max(model, measured):
             raise DataError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -174,16 +175,23 @@ def test_outliers_hardly_matter_with_a_robust_loss(tmp_path: Path) -> None:
 def test_the_command_writes_a_robot_that_validates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, out = bench(tmp_path), tmp_path / "found" / "arm_found.yaml"
+    folder, out, data = bench(tmp_path), tmp_path / "found" / "arm_found.yaml", tmp_path / "my tables"
     out.parent.mkdir()
     assert main(["calibrate", str(folder), "--json", "--out", str(out)]) == 0
-    told = json.loads(capsys.readouterr().out)
+    shown, said = capsys.readouterr()
+    told = json.loads(shown)
+    assert said.rstrip().endswith(shlex.join(["--robot", str(out)]))
     assert [each["found"] for each in told["parameters"]] == [True, True]
     robot = load_scene(out)
     assert robot.joints[0].rest == pytest.approx(-told["parameters"][0]["value"])
     assert robot.scene.bodies[0].material.young_modulus == pytest.approx(2.6e6, rel=0.05)
     assert main(["validate", str(folder), "--robot", str(out), "--max-mean", "0.5"]) == 0
     assert main(["validate", str(folder), "--max-mean", "0.5"]) == 1
+    data.mkdir()
+    (folder / "first.csv").rename(data / "first.csv")
+    assert main(["calibrate", str(folder), "--every", "4", "--data", str(data), "--out", str(out)]) == 0
+    judge = shlex.split(capsys.readouterr().err.partition("judge it: softsim ")[2])
+    assert main([*judge, "--max-mean", "0.5"]) == 0
 
 
 def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,10 +11,10 @@ from measured_tripod import DESCRIPTION, measured, tripod_poses, write_bench
 
 from softsim_core import load_scene
 from softsim_core.errors import ConfigError, DataError, SoftSimError
-from softsim_core.identification import Session, load_data_set, load_session
+from softsim_core.identification import Session, load_data_set, load_session, validation
 from softsim_core.identification.description import TimeColumn
 from softsim_core.identification.replay import Prediction
-from softsim_core.identification.validation import compared
+from softsim_core.identification.validation import compared, validate_session
 
 
 def session(folder: Path) -> Session:
@@ -171,6 +171,37 @@ def test_a_delay_is_found(tmp_path: Path) -> None:
     assert result.alignment is not None
     assert result.alignment.delay == pytest.approx(0.013, abs=1e-3)
     assert result.of(result.judged).rms < 0.1 * result.of(result.judged, raw=True).rms
+
+
+def test_no_row_is_judged_by_a_delay_that_it_has_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is measured in a fifth of the time changes the errors there by as much, and by no other delay."""
+    monkeypatch.setattr(validation, "replay", lambda *_: ringing())
+    session, robot = in_time(tmp_path, 0.013), load_scene("tripod")
+    span = np.array_split(np.flatnonzero(session.fitting), 5)[2]
+    changed = session.measured.copy()
+    changed[span] += 0.02 * np.random.default_rng(0).standard_normal(changed[span].shape)
+    before = validate_session(session, robot)
+    after = validate_session(replace(session, measured=changed), robot)
+    assert before.alignment is not None
+    assert before.alignment.delay == pytest.approx(0.013, abs=1e-3)
+    assert after.aligned[span] - before.aligned[span] == pytest.approx((session.measured - changed)[span])
+
+
+def test_repeats_of_one_load_case_are_rows(tmp_path: Path) -> None:
+    poses, random = tripod_poses(), np.random.default_rng(1)
+    text = DESCRIPTION.replace("    alignment: {frame: true, point: true}\n", "")
+    same = np.tile(np.degrees(poses.joints[0]), (24, 1))
+    commands = {f"s{k}_deg": same[:, k] for k in range(3)}
+    places = 1e3 * np.tile(poses.positions[0][[1, 2, 0]], (24, 1)) + 0.4 * random.standard_normal((24, 3))
+    held = Prediction(
+        np.tile(poses.positions[0], (24, 1, 1)), np.tile(poses.rotations[0], (24, 1, 1, 1)), np.ones(24, bool)
+    )
+    for read in (places, np.tile(places[0], (24, 1))):  # with noise, and as rounded to the same digits
+        columns = dict(zip(("x_mm", "y_mm", "z_mm"), read.T, strict=True))
+        write_bench(tmp_path, edit={**commands, **columns}, text=text)
+        assert compared(session(tmp_path), held).of(np.ones(24, bool)).mean < 2e-3
 
 
 def test_a_shifted_time_axis_is_a_sentence(tmp_path: Path) -> None:

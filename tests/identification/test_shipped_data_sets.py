@@ -43,8 +43,9 @@ def test_without_its_data_it_says_how_to_name_them(name: str, monkeypatch: pytes
     data = load_data_set(name)
     with pytest.raises(
         DataError, match=f"no file .*--data DIR., or set {data.description.data.variable} to it"
-    ):
+    ) as told:
         load_session(data, data.description.sessions[0])
+    assert f"They come from: {data.description.source}" in str(told.value)
 
 
 @pytest.mark.reference

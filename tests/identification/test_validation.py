@@ -145,6 +145,12 @@ def test_the_command_judges_by_its_limits(tmp_path: Path, capsys: pytest.Capture
     assert told["passed"] is False
     assert told["sessions"]["poses"]["aligned"]["count"] == 6
     assert told["sessions"]["poses"]["raw"]["mean_mm"] > 50.0
+    rows = told["sessions"]["poses"]["each_row"]
+    assert [row["line"] for row in rows] == [3, 7, 11, 15, 19, 23]
+    assert set(rows[0]["commands"]) == {"s0_deg", "s1_deg", "s2_deg"}
+    assert all(row["used_for"] == "training" for row in rows)
+    errors = 1e3 * np.linalg.norm([row["error_m"]["tracker"] for row in rows], axis=1)
+    assert errors.mean() == pytest.approx(told["sessions"]["poses"]["aligned"]["mean_mm"])
     assert set(told["sessions"]["poses"]["regions"]) == {
         f"{a} {p}" for a in "xyz" for p in ("low", "middle", "high")
     }

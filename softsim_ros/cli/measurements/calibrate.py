@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 import time
 from dataclasses import replace
@@ -111,8 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
     robot = description.robot or data.robot
     if arguments.out is not None:
         write_overlay(arguments.out, robot, result, further)
-        judge = f"softsim validate {os.path.relpath(data.file.parent)} --robot {arguments.out}"
-        print(f"robot: {arguments.out}; judge it: {judge}", file=sys.stderr)
+        judge = ["softsim", "validate", os.path.relpath(data.file.parent), "--robot", str(arguments.out)]
+        judge += [] if arguments.data is None else ["--data", str(arguments.data)]
+        print(f"robot: {arguments.out}; judge it: {shlex.join(judge)}", file=sys.stderr)
     if arguments.report is not None:
         from softsim_ros.cli.measurements import calibrate_page
 
