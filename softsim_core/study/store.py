@@ -25,7 +25,6 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.errors import StudyError
 from softsim_core.extras import install_command
-from softsim_core.file_writing import make_folder, open_in_place, refuse_links
 from softsim_core.file_writing import make_folder, open_in_place, refuse_links, sync, sync_tree
 from softsim_core.study.single import PENDING, RAISED, STATUS_WORDS, Outcome
 
