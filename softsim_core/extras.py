@@ -20,5 +20,6 @@ def install_command(extra: str) -> str:
     constraints = root / "constraints.txt"
     if sys.prefix == sys.base_prefix or not constraints.is_file():
         return f"pip install 'softsim[{extra}]'"
-    words = [sys.executable, "-m", "pip", "install", "-c", str(constraints), "-e", f"{root}[{extra}]"]
+    pip = str(Path(sys.executable).with_name("pip"))
+    words = [pip, "install", "-c", str(constraints), "-e", f"{root}[{extra}]"]
     return shlex.join(words)
