@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
 from servo_bridge.errors import PortError
-from servo_bridge.link import BoardLink, Reader
+from servo_bridge.link import BoardLink, MetBoard, Reader
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 from servo_bridge.transport import SerialTransport
 from softsim_core.scene.board import BoardDescription
@@ -44,6 +44,12 @@ class BoardPort:
         self._candidates, self._clock = tuple(candidates), clock
         self._transport: SerialTransport | None = None
         self._reader: Reader | None = None
+        self._met: MetBoard | None = None  # on a port closed since
+
+    @property
+    def met(self) -> MetBoard | None:
+        """The board that was spoken to since `connect`; None as long as none was."""
+        return self._met if self.link is None else self.link.met
 
     @property
     def port(self) -> str:
@@ -90,15 +96,22 @@ class BoardPort:
         if self.link is not None:
             self.link.check(self._clock())
 
-    def _open(self, transport: SerialTransport, quiet_s: float) -> None:
-        """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke."""
+    def _open(self, transport: SerialTransport, quiet_s: float, before: MetBoard | None) -> None:
+        """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke.
+
+        Args:
+            transport: The port.
+            quiet_s: The time in [s].
+            before: The board that has to be met again; None: any board.
+        """
         boards = [each(self.board) for each in self._candidates]
         self._transport = transport
-        self.link = BoardLink(transport.port, boards, quiet_s, self._clock())
+        self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before)
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
     def _take_out(self, words: Sequence[Word] = ()) -> Callable[[], None]:
         """Forget the port; what is returned says the last words and closes it, and may hang."""
+        self._met = self.met
         reader, self._reader = self._reader, None
         transport, self._transport = self._transport, None
         link, self.link = self.link, None
@@ -116,7 +129,7 @@ class BoardPort:
         return close
 
     def _ask(self) -> None:
-        """Ask a board that speaks only when it is asked; any other is told nothing.
+        """Ask the board what is to be known of it next, where that may be asked.
 
         Raises:
             PortError: the port failed.
@@ -125,7 +138,7 @@ class BoardPort:
         if transport is None or link is None:
             return
         with link.speaking() as board:
-            question = board.ask() if Ability.ASKED in board.abilities else b""
+            question = board.ask() if link.asks else b""
         if question:
             transport.write(question)
 

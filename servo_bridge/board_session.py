@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from servo_bridge.driver import ServoDriver
 from servo_bridge.errors import PortError, WriterError
-from servo_bridge.ports import find_again, stable_name
+from servo_bridge.ports import find_again, stable_name, usb_identity
 from servo_bridge.wording import sentence
 from servo_bridge.writer import HangWatch, PeriodFigures, PeriodicThread
 
@@ -40,6 +40,7 @@ class BoardSession:
         self._writer: PeriodicThread | None = None  # while the port is open
         self._watch: HangWatch | None = None  # of that thread
         self._stable_port = ""  # name of the board that outlives its number; empty: none
+        self._usb = ""  # what the port's USB chip says of itself; empty: nothing
 
     @property
     def connected(self) -> bool:
@@ -77,23 +78,41 @@ class BoardSession:
             PortError: it cannot be opened.
         """
         driver.connect(port, open_wait_s)
-        driver.stand_by()
         self.driver = driver
-        self._stable_port = stable_name(port)
-        self._start_writer(driver)
+        self._stable_port, self._usb = stable_name(port), usb_identity(port)
+        self._stand_by(driver)
 
     def open_again(self, port: str, open_wait_s: float) -> None:
         """Open the port of the same board anew, whatever its number is now; without one nothing happens.
+
+        No other board is driven: its USB chip has to say the same as before, and what the board said of
+        itself it has to say again. A board that did neither, such as one that says nothing, on a
+        pseudo-terminal, is not opened.
 
         Args:
             port: Name from the person; empty: the one board that is plugged in.
             open_wait_s: Quiet time after opening in [s].
 
         Raises:
-            PortError: the board is not there, or its port cannot be opened.
+            PortError: the board is not there, cannot be told from others, or its port cannot be opened.
         """
-        if self.driver is not None:
-            self.open(self.driver, find_again(port, self._stable_port), open_wait_s)
+        driver = self.driver
+        if driver is None:
+            return
+        met = driver.met
+        if not (self._usb or self._stable_port or (met is not None and met.identity)):
+            raise PortError(
+                port,
+                f"whether the board on {port} is still the one that was configured cannot be told (it has"
+                " said no number, and its port has no USB identity), and it is told nothing; look, then"
+                " cleanup and configure",
+            )
+        name = find_again(port, self._stable_port, self._usb)
+        driver.connect(name, open_wait_s, again=True)
+        if usb_identity(name) != self._usb:
+            driver.disconnect()
+            raise PortError(name, f"another device is on {name}; plug in the one that was configured")
+        self._stand_by(driver)
 
     def start(self) -> None:
         """Send from where the board stands; a thread that died is started anew."""
@@ -156,6 +175,10 @@ class BoardSession:
     def figures(self) -> PeriodFigures | None:
         """How evenly packets are sent; None while none are."""
         return self._writer.figures() if self._writer is not None and self.sending else None
+
+    def _stand_by(self, driver: ServoDriver) -> None:
+        driver.stand_by()
+        self._start_writer(driver)
 
     def _start_writer(self, driver: ServoDriver) -> None:
         self._end_writer()

@@ -137,6 +137,7 @@ class ServoBridge(GuardedLifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """After an unforeseen error: safe pose, port closed, unconfigured."""
         self.get_logger().error("a transition failed unexpectedly; the bridge is unconfigured again")
+        self._recovery.give_up()  # it would configure any board that is there
         self._disconnect()
         return super().on_error(state)
 

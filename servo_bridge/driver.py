@@ -150,8 +150,14 @@ class ServoDriver(BoardPort):
         with self._lock:
             self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
 
-    def connect(self, port: str, quiet_s: float = 0.0) -> None:
+    def connect(self, port: str, quiet_s: float = 0.0, *, again: bool = False) -> None:
         """Open the port; nothing is written until the board spoke, or for `quiet_s` seconds; ticks send then.
+
+        Args:
+            port: Name of the port.
+            quiet_s: Quiet time after opening in [s].
+            again: Drive the board that was met before, and no other: one that does not say the same is
+                refused by `tick`, and so is silence where that one has spoken.
 
         Raises:
             PortError: it cannot be opened.
@@ -159,7 +165,7 @@ class ServoDriver(BoardPort):
         self.disconnect()
         transport = SerialTransport(port, self.baud_rate)
         with self._lock:
-            self._open(transport, quiet_s)
+            self._open(transport, quiet_s, self.met if again else None)
             self._course.follow()
             self._pose.opened()
 

@@ -2,7 +2,9 @@
 
 Detection is passive: nothing is written to an unknown board. What it says within the quiet time after opening
 is shown to every protocol it may speak; the first that recognises it is kept, and silence makes it a board of
-the last one. Times are seconds of one steady clock that the caller reads.
+the last one. A board that was met on a port that was lost since is met again only as the same one: until then
+nothing is written but the question who it is, and a board that answers otherwise is refused. Times are
+seconds of one steady clock that the caller reads.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 from servo_bridge.errors import PortError
@@ -28,6 +31,19 @@ BANNER_GRACE_S = 1.0
 """Longer than the quiet time that a board has to answer where it has to say what it is."""
 
 
+@dataclass(frozen=True, slots=True)
+class MetBoard:
+    """A board that a bridge has spoken to.
+
+    Attributes:
+        protocol: Name of the protocol it speaks.
+        identity: What tells it from others, see `BoardProtocol.identity`; empty: not known.
+    """
+
+    protocol: str
+    identity: str
+
+
 class BoardLink:
     """State of one opened port; safe to use from a reading and a writing thread.
 
@@ -37,15 +53,29 @@ class BoardLink:
             none recognises it.
         quiet_s: Time in [s] after opening in which nothing is written, unless the board has spoken.
         now: Time of the opening.
+        before: The board that was met on a port lost since, which is to be met again; None: any board.
 
     Attributes:
         tilts: Readings of an IMU since the port was opened.
+        met: The board met here, or before; None as long as none is.
     """
 
-    def __init__(self, port: str, boards: Sequence[BoardProtocol], quiet_s: float, now: float) -> None:
+    def __init__(
+        self,
+        port: str,
+        boards: Sequence[BoardProtocol],
+        quiet_s: float,
+        now: float,
+        before: MetBoard | None = None,
+    ) -> None:
         self.port = port
         self.tilts = 0
-        self._boards = tuple(boards)
+        self.met = self._before = before
+        self._boards = tuple(
+            board
+            for board in boards
+            if before is None or board.name == before.protocol or Ability.DETECT in board.abilities
+        )
         self._recognised: BoardProtocol | None = None
         self._lock = threading.RLock()
         self._quiet_s, self._quiet_until = quiet_s, now + quiet_s
@@ -79,6 +109,8 @@ class BoardLink:
             for board in self._boards if self._recognised is None else (self._recognised,):
                 decoded = board.decode(data)
                 if decoded.recognised and Ability.DETECT in board.abilities:
+                    if self._heard is None:
+                        self.met = self._before  # silence may have been taken for another board
                     self._restarted |= decoded.restarted or self._heard is None
                     self._recognised, self._heard, self._unheard_s = board, now, 0.0
                 if board is self.board:
@@ -125,14 +157,32 @@ class BoardLink:
         """Name of the protocol to write in, or WAITING: it is too early to write."""
         try:
             with self.speaking() as board:
-                if self._heard is not None:
-                    return board.name if board.ready else WAITING
-                if now < self._quiet_until or self._must_speak:
-                    return WAITING
-                return board.name
+                if self._heard is None:
+                    ready = now >= self._quiet_until and not self._must_speak
+                else:
+                    ready = board.ready
+                return board.name if ready and self._meet(board) else WAITING
         except PortError as error:
             self.fail(error)
             return WAITING
+
+    def _meet(self, board: BoardProtocol) -> bool:
+        """Whether the board may be written to: none was met before, or it is that one."""
+        identity, met = board.identity(), self.met
+        if met is not None and met.identity:
+            return not self._is_stranger(board) and identity is not None
+        if met is not None and met.protocol != board.name:
+            return False
+        self.met = MetBoard(board.name, identity or "")
+        return True
+
+    def _is_stranger(self, board: BoardProtocol) -> bool:
+        """Whether what the board says shows that it is another one than the one met."""
+        identity, met = board.identity(), self.met
+        if met is None:
+            return False
+        another = bool(met.identity) and identity is not None and identity != met.identity
+        return another or board.name != met.protocol
 
     def check(self, now: float) -> None:
         """Whether the board still lives.
@@ -145,6 +195,13 @@ class BoardLink:
                 raise PortError(self.port, str(self._fault))
             if problem := board.fault():
                 raise PortError(self.port, f"the board on {self.port} {problem}")
+            if self._heard is not None and self.met is not None and self._is_stranger(board):
+                raise PortError(
+                    self.port,
+                    f"another board is on {self.port} ({_described(board.name, board.identity() or '')}, not"
+                    f" {_described(self.met.protocol, self.met.identity)}), and is told nothing; plug in the"
+                    " one that was configured, or for this one cleanup and configure",
+                )
             if self._heard is None:
                 if self._must_speak and now > self._quiet_until + BANNER_GRACE_S:
                     raise PortError(
@@ -158,6 +215,11 @@ class BoardLink:
                     f"no telemetry from the board on {self.port} for {TELEMETRY_TIMEOUT_S} s (it hangs, lost"
                     " its supply, or the cable is bad)",
                 )
+
+    @property
+    def asks(self) -> bool:
+        """Whether the board may be asked: it was recognised, or speaks only when it is asked."""
+        return self._recognised is not None or Ability.ASKED in self.board.abilities
 
     @property
     def _must_speak(self) -> bool:
@@ -179,6 +241,10 @@ class BoardLink:
         """Time in [s] since the newest reading of an IMU; None before the first."""
         tilt_time = self._tilt_time
         return None if tilt_time is None else max(now - tilt_time, 0.0)
+
+
+def _described(protocol: str, identity: str) -> str:
+    return f"protocol {protocol}, {identity or 'without a number'}"
 
 
 class Readable(Protocol):

@@ -10,6 +10,7 @@
  *     interrupt longer than EARLY would move the edges, that is, twitch the servos.
  *   - Everything else (parsing, limits, slew, telemetry) runs in main, woken by bytes and once a frame.
  */
+#include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -23,7 +24,7 @@
 
 #define PROTOCOL_VERSION 2
 #define FIRMWARE_MAJOR 2
-#define FIRMWARE_MINOR 1
+#define FIRMWARE_MINOR 2
 
 /* Time: Timer1 counts 0.5 us ticks and is never reset. */
 #define TICKS_PER_US 2u
@@ -59,7 +60,7 @@
 #define LEGACY_HEADER 0xFFu
 #define FRAME_HEADER 0xFEu
 #define SEXTET 0x80u
-enum { SET = 1, RELAX = 2, HOLD = 3, PING = 4, SET_LIMITS = 5, SLEW = 6, BANNER = 16, TELEMETRY = 17 };
+enum { SET = 1, RELAX = 2, HOLD = 3, PING = 4, SET_LIMITS = 5, SLEW = 6, IDENTIFY = 7, BANNER = 16, TELEMETRY = 17, IDENTITY = 18 };
 enum {
     FLAG_LINK = 1u << 0,
     FLAG_HOLD = 1u << 1,
@@ -70,6 +71,8 @@ enum {
     FLAG_WATCHDOG = 1u << 6,
 };
 #define PAYLOAD_MAX 18u
+#define IDENTITY_SEXTETS 8u /* the board's number: 48 bits */
+#define IDENTITY_PLACE 16u  /* in the EEPROM; its first bytes are those that a failing supply damages */
 
 /* ---- shared between interrupts and main ------------------------------------------------------------------ */
 
@@ -331,6 +334,9 @@ static uint8_t accepted_sequence;
 static uint8_t telemetry_wanted;
 static uint8_t limits_set;
 static uint8_t framed; /* the last valid command was a frame */
+static uint8_t identity[IDENTITY_SEXTETS]; /* 63 each, as an erased EEPROM reads: the board has no number yet */
+static uint8_t identity_unwritten;         /* sextets that the EEPROM has still to take */
+static uint8_t identity_wanted;
 #endif
 static uint8_t partial_frames; /* servo frames since the packet begun */
 
@@ -367,6 +373,7 @@ static uint8_t length_of(uint8_t type)
     case PING: return 0;
     case SET_LIMITS: return 18;
     case SLEW: return 2;
+    case IDENTIFY: return IDENTITY_SEXTETS;
     default: return 255;
     }
 }
@@ -374,6 +381,14 @@ static uint8_t length_of(uint8_t type)
 static uint16_t twelve_bits(uint8_t index)
 {
     return (uint16_t)buffer[2 * index] << 6 | buffer[2 * index + 1];
+}
+
+static uint8_t is_identity(const uint8_t *sextets)
+{
+    for (uint8_t i = 0; i < IDENTITY_SEXTETS; i++)
+        if (sextets[i] != 0x3F)
+            return 1;
+    return 0;
 }
 
 static uint8_t is_width(uint16_t us)
@@ -424,6 +439,14 @@ static uint8_t take_frame(void)
         if (value[0] < 1 || value[0] > SLEW_MAX_US)
             return 0;
         slew = value[0] * TICKS_PER_US;
+        break;
+    case IDENTIFY: /* a number is taken once and kept for good */
+        if (!is_identity(identity) && is_identity(buffer)) {
+            for (uint8_t i = 0; i < IDENTITY_SEXTETS; i++)
+                identity[i] = buffer[i];
+            identity_unwritten = IDENTITY_SEXTETS;
+        }
+        identity_wanted = 1;
         break;
     }
     if (silence >= HOLD_FRAMES) /* the line is back, without a pose: stay where it finds the servos */
@@ -562,6 +585,15 @@ static void send_telemetry(void)
     put_twelve_bits(payload + 11, lost & 0xFFF);
     send_frame(TELEMETRY, payload, sizeof payload);
 }
+
+/* One sextet a frame: the EEPROM takes 3.4 ms for it, and nothing waits. */
+static void write_identity(void)
+{
+    if (identity_unwritten && eeprom_is_ready()) {
+        identity_unwritten--;
+        eeprom_write_byte((uint8_t *)IDENTITY_PLACE + identity_unwritten, identity[identity_unwritten]);
+    }
+}
 #endif
 
 /* ---- start and main loop --------------------------------------------------------------------------------- */
@@ -612,6 +644,8 @@ static void start(void)
     imu_start();
 #endif
 #ifndef LEGACY_ONLY
+    for (uint8_t i = 0; i < IDENTITY_SEXTETS; i++)
+        identity[i] = eeprom_read_byte((const uint8_t *)IDENTITY_PLACE + i) & 0x3F;
     send_banner();
 #endif
 }
@@ -635,6 +669,7 @@ static void serve_frame(void)
     drop_old_packet();
 #endif
 #ifndef LEGACY_ONLY
+    write_identity();
     static uint8_t beat;
     beat += 2; /* 20 Hz from 50 Hz: every 5 halves of a frame */
     if (beat >= 5) {
@@ -665,6 +700,10 @@ int main(void)
         if (telemetry_wanted) {
             telemetry_wanted = 0;
             send_telemetry();
+        }
+        if (identity_wanted && !identity_unwritten) { /* said once it is kept */
+            identity_wanted = 0;
+            send_frame(IDENTITY, identity, IDENTITY_SEXTETS);
         }
 #endif
         cli();

@@ -221,6 +221,12 @@ class DynamixelProtocol(BoardProtocol):
         """Whether every servo has told its settings and its state."""
         return all(each in self._settings and each in self._states for each in self._servos)
 
+    def identity(self) -> str | None:
+        """Models, firmware and settings of the servos, which have no number of their own."""
+        if not self.ready:
+            return None
+        return "; ".join(f"servo {each} {self._settings[each].kept}" for each in sorted(self._servos))
+
     def fault(self) -> str:
         """A servo that is missing, is no XM, is set so that it cannot be driven, or has switched off."""
         if missing := [

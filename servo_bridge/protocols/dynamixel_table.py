@@ -83,6 +83,14 @@ class ServoSettings:
     highest: int
     shutdown: HardwareError
 
+    @property
+    def kept(self) -> str:
+        """What tells it from another servo, as far as it can be told."""
+        return (
+            f"model {self.model} firmware {self.firmware} mode {self.operating_mode}/{self.drive_mode}"
+            f" range {self.lowest}..{self.highest}"
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class ServoState:

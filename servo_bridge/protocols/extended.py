@@ -7,6 +7,7 @@ silent, and keeps the servos' ranges.
 from __future__ import annotations
 
 import math
+import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,10 @@ from servo_bridge.servo import PULSE_US_PER_180, angle_to_width, width_limits, w
 from softsim_core.scene.board import BoardDescription, Servo
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
+
+
+MOST_QUESTIONS = 50
+"""A board that was asked so often for its number without an answer has none."""
 
 
 def reset_cause_text(cause: int) -> str:
@@ -77,6 +82,10 @@ class ExtendedProtocol(BoardProtocol):
         self._frames, self._lines = FrameParser(), LineParser()
         self._following = Following()
         self._limits_seq: int | None = None  # of the ranges told since the takeover began
+        self._number: int | None = None  # of the board; None: not known
+        self._offered = frames.NO_IDENTITY  # number given to a board that has none
+        self._questions = 0  # for its number, since the newest answer
+        self._answered = False  # since the takeover began
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
@@ -114,6 +123,8 @@ class ExtendedProtocol(BoardProtocol):
             elif frame.kind is FrameType.TELEMETRY:
                 self._take_telemetry(frame)
                 recognised = True
+            elif frame.kind is FrameType.IDENTITY:
+                self._take_number(frames.read_number(frame))
         return Decoded(recognised, restarted, tuple(self._lines.feed(text_of(data))))
 
     @property
@@ -138,13 +149,34 @@ class ExtendedProtocol(BoardProtocol):
         widths = self.telemetry.widths_us
         return tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True))
 
+    def identity(self) -> str | None:
+        """The number that the board keeps in its EEPROM; one that has none is given one."""
+        if self._number is not None:
+            return f"number {self._number:012x}"
+        return None if self._may_answer else ""
+
+    def ask(self) -> bytes:
+        """IDENTIFY, until the board has said its number, or was asked often enough."""
+        if not self._may_answer or self._number is not None:
+            return b""
+        self._questions += 1
+        return frames.identify(self._next_seq(), self._offered)
+
     def begin_takeover(self) -> None:
-        """What telemetry acknowledges from before is no answer."""
+        """What telemetry acknowledges from before is no answer; nor is a number said before."""
         self._limits_seq = None
+        self._answered, self._questions = False, 0
         self._following.begin()
 
     def limits(self) -> bytes:
-        """SET_LIMITS with range and rest of every servo; repetitions keep their number."""
+        """IDENTIFY, then SET_LIMITS with range and rest of every servo; repetitions keep their number."""
+        question = b""
+        if not self._answered and self._may_answer:
+            self._questions += 1
+            question = frames.identify(self._next_seq(), self._offered)
+        return question + self._set_limits()
+
+    def _set_limits(self) -> bytes:
         if self._limits_seq is None:
             self._limits_seq = self._next_seq()
             if self.telemetry is not None and self._limits_seq == self.telemetry.seq:
@@ -152,9 +184,10 @@ class ExtendedProtocol(BoardProtocol):
         return frames.set_limits(self._limits_seq, [width_limits(servo) for servo in self.servos])
 
     def acknowledged(self) -> bool:
-        """Whether telemetry carries the number of the ranges told."""
+        """Whether telemetry carries the number of the ranges told, and the board has said who it is."""
         return (
-            self.telemetry is not None
+            (self._answered or not self._may_answer)
+            and self.telemetry is not None
             and self.telemetry.seq == self._limits_seq
             and BoardFlags.LIMITS_SET in self.telemetry.flags
         )
@@ -185,6 +218,7 @@ class ExtendedProtocol(BoardProtocol):
                 "firmware": f"{self.banner.major}.{self.banner.minor}",
                 "reset cause": reset_cause_text(self.banner.reset_cause),
             }
+        values["board number"] = "none" if self._number is None else f"{self._number:012x}"
         telemetry = self.telemetry
         if telemetry is not None:
             flags = (str(flag.name).lower() for flag in BoardFlags if flag in telemetry.flags)
@@ -204,6 +238,21 @@ class ExtendedProtocol(BoardProtocol):
         self.banner = frames.read_banner(frame)
         self.telemetry = None  # of before the reset
         self.counts.banners += 1
+
+    def _take_number(self, number: int) -> None:
+        """Take the board's number; without one it is offered one with the next question."""
+        if number == frames.NO_IDENTITY:
+            if self._offered == frames.NO_IDENTITY:
+                self._offered = secrets.randbelow(frames.NO_IDENTITY)
+        else:
+            self._number, self._answered, self._questions = number, True, 0
+
+    @property
+    def _may_answer(self) -> bool:
+        """Whether the firmware knows IDENTIFY, as far as its banner and its answers tell."""
+        banner = self.banner
+        old = banner is not None and (banner.major, banner.minor) < frames.IDENTIFYING_FIRMWARE
+        return not old and self._questions < MOST_QUESTIONS
 
     def _take_telemetry(self, frame: Frame) -> None:
         self.telemetry = frames.read_telemetry(frame)

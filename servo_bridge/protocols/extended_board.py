@@ -175,6 +175,7 @@ class ExtendedBoard(BoardModel):
         silent: Say nothing any more, as a board that hangs.
         deaf: Hear nothing any more, as behind a broken wire.
         motion: The servos.
+        identity: Number of the board, kept for good; `frames.NO_IDENTITY` until it is given one.
     """
 
     say_period_s = TELEMETRY_PERIOD_S
@@ -182,6 +183,8 @@ class ExtendedBoard(BoardModel):
     def __init__(self, legacy: PacketParser) -> None:
         self.silent = self.deaf = False
         self.motion = BoardMotion()
+        self.identity = frames.NO_IDENTITY
+        self._identity_wanted = False
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
         self._begun = 0.0  # when the frame begun last did
@@ -249,6 +252,11 @@ class ExtendedBoard(BoardModel):
         data += frames.telemetry(self._next(), told)
         return b"" if self.silent else data
 
+    def answer(self, now: float) -> bytes:
+        """The board's number, where it was asked for."""
+        wanted, self._identity_wanted = self._identity_wanted, False
+        return frames.identity(self._next(), self.identity) if wanted and not self.silent else b""
+
     def advance(self, now: float) -> None:
         """Let the servos move, and drop half a packet in time."""
         self.motion.advance(now)
@@ -302,6 +310,10 @@ class ExtendedBoard(BoardModel):
             if not 1 <= numbers[0] <= SLEW_MAX_US:
                 return False
             motion.slew = ticks[0]
+        elif frame.kind is FrameType.IDENTIFY:
+            if self.identity == frames.NO_IDENTITY:
+                self.identity = frames.read_number(frame)
+            self._identity_wanted = True
         elif frame.kind in (FrameType.RELAX, FrameType.HOLD):
             motion.relaxed |= frame.kind is FrameType.RELAX
             motion.hold_asked |= frame.kind is FrameType.HOLD

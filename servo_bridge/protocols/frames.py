@@ -22,11 +22,18 @@ FRAME_HEADER = 0xFE
 PROTOCOL_VERSION = 2
 """Version that the banner of a board of this protocol carries."""
 
-FIRMWARE_VERSION = (2, 1)
+FIRMWARE_VERSION = (2, 2)
 """Major and minor version of firmware/tripod.c, which the banner carries, too."""
+
+IDENTIFYING_FIRMWARE = (2, 2)
+"""Firmware from which a board answers IDENTIFY."""
 
 SERVOS = 3
 """Servos a frame speaks of."""
+
+IDENTITY_SEXTETS = 8
+NO_IDENTITY = 64**IDENTITY_SEXTETS - 1
+"""Number of a board that has none; every smaller one, from 0 on, can be one."""
 
 SEQUENCES = 64
 """Sequence numbers run from 0 to 63 and start again."""
@@ -43,8 +50,10 @@ class FrameType(IntEnum):
     PING = 4
     SET_LIMITS = 5
     SLEW = 6
+    IDENTIFY = 7
     BANNER = 16
     TELEMETRY = 17
+    IDENTITY = 18
 
 
 PAYLOAD_SEXTETS: dict[FrameType, int] = {
@@ -54,8 +63,10 @@ PAYLOAD_SEXTETS: dict[FrameType, int] = {
     FrameType.PING: 0,
     FrameType.SET_LIMITS: 6 * SERVOS,
     FrameType.SLEW: 2,
+    FrameType.IDENTIFY: IDENTITY_SEXTETS,
     FrameType.BANNER: 4,
     FrameType.TELEMETRY: 7 + 2 * SERVOS,
+    FrameType.IDENTITY: IDENTITY_SEXTETS,
 }
 """Length of each type's payload in sextets."""
 
@@ -207,6 +218,44 @@ def slew(seq: int, us_per_frame: int) -> bytes:
         PacketError: the change does not fit into 12 bits.
     """
     return encode(Frame(FrameType.SLEW, seq, split12([us_per_frame])))
+
+
+def identify(seq: int, number: int = NO_IDENTITY) -> bytes:
+    """IDENTIFY: ask a board for its number, and give it one where it has none; nothing moves.
+
+    Raises:
+        PacketError: the number is not within 0..NO_IDENTITY.
+    """
+    return encode(Frame(FrameType.IDENTIFY, seq, _number_sextets(number)))
+
+
+def identity(seq: int, number: int) -> bytes:
+    """IDENTITY, as the board sends it.
+
+    Raises:
+        PacketError: the number is not within 0..NO_IDENTITY.
+    """
+    return encode(Frame(FrameType.IDENTITY, seq, _number_sextets(number)))
+
+
+def read_number(frame: Frame) -> int:
+    """The number that an IDENTIFY or IDENTITY frame carries.
+
+    Raises:
+        PacketError: it is a frame of another type.
+    """
+    if frame.kind is not FrameType.IDENTIFY:
+        _need(frame, FrameType.IDENTITY)
+    number = 0
+    for sextet in frame.payload:
+        number = number << 6 | sextet
+    return number
+
+
+def _number_sextets(number: int) -> tuple[int, ...]:
+    if not 0 <= number <= NO_IDENTITY:
+        raise PacketError(f"board number {number} refused; allowed are 0..{NO_IDENTITY}")
+    return tuple(number >> 6 * place & 0x3F for place in reversed(range(IDENTITY_SEXTETS)))
 
 
 def banner(seq: int, content: Banner) -> bytes:

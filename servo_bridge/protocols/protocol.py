@@ -236,11 +236,22 @@ class BoardProtocol(ABC):
         return ""
 
     def ask(self) -> bytes:
-        """Packet that asks the board what is to be known of it next (ability ASKED); it moves nothing.
+        """Packet that asks the board what is to be known of it next; it moves nothing. Empty: nothing is.
 
-        Sent whenever it is time for a packet and no other is sent.
+        Sent whenever it is time for a packet and no other is sent; to a board that was not recognised yet
+        only with ability ASKED.
         """
         return b""
+
+    def identity(self) -> str | None:
+        """What tells this board from others of its kind, and outlasts a loss of its power.
+
+        A board that comes back after its port was lost is driven on only where it says the same.
+
+        Returns:
+            None as long as the board has not said it; empty where it says nothing of the kind.
+        """
+        return ""
 
     def begin_takeover(self) -> None:
         """The board's pose is not known any more: what it said so far does not count as an answer."""

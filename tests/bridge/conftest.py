@@ -26,8 +26,9 @@ def no_calibration_of_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.fixture
-def board(tmp_path: Path) -> Iterator[VirtualBoard]:
-    with VirtualBoard(link=tmp_path / "board") as virtual:
+def board(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[VirtualBoard]:
+    """A board that says nothing; as an indirect parameter the name of another protocol."""
+    with VirtualBoard(link=tmp_path / "board", protocol=getattr(request, "param", "auto")) as virtual:
         yield virtual
 
 

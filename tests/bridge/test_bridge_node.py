@@ -219,10 +219,11 @@ def test_a_second_bridge_on_the_same_port_is_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("board", ["extended"], indirect=True)
 def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
-    bridge = start_bridge(autostart="activate")
+    bridge = start_bridge(autostart="activate", open_wait_s=2.0)
     diagnostics = client.collect(DiagnosticArray, "/diagnostics")
     running = stream(client.publisher(Float64MultiArray, COMMANDS), command(-2.0, -2.0, -2.0))
     assert board.wait_for(at(64, 64, 64))
@@ -244,6 +245,23 @@ def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     assert client.state() == "active"
     assert wait_until(lambda: values(diagnostics).get("reconnects") == "1")
     assert "Traceback" not in bridge.output
+
+
+@pytest.mark.slow
+def test_a_silent_board_plugged_in_again_is_driven_after_cleanup_and_configure(
+    start_bridge: Starter, client: Any, board: VirtualBoard
+) -> None:
+    bridge = start_bridge(autostart="activate")
+    assert sending(board)
+    board.unplug()
+    assert bridge.says("vanished")
+    before = board.received
+    board.replug()
+    assert bridge.says("is still the one that was configured cannot be told")
+    assert (client.state(), board.received) == ("inactive", before)
+    for label in ("cleanup", "configure", "activate"):
+        client.transition(label)
+    assert sending(board)
 
 
 @pytest.mark.slow

@@ -88,6 +88,18 @@ class Conversation:
         return [(servo.position, servo.torque) for servo in self.bus.servos.values()]
 
 
+def test_a_bus_of_servos_is_known_by_their_models_and_settings() -> None:
+    """It has no number of its own; another kind of servos is another board."""
+    identities = []
+    for firmware in (45, 45, 46):
+        talk = Conversation()
+        assert talk.protocol.identity() is None
+        talk.bus.servos[2].put(6, firmware)
+        talk.open()
+        identities.append(talk.protocol.identity())
+    assert identities[0] == identities[1] != identities[2]
+
+
 def spoil(bus: DynamixelBus, share: float, seed: int) -> None:
     bus.faults.lost = bus.faults.late = bus.faults.damaged = bus.faults.unheard = share
     bus.faults.draw = random.Random(seed)

@@ -103,20 +103,21 @@ def test_it_is_answered_while_a_robot_is_loaded(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("board", ["extended"], indirect=True)
 def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
     start_bridge: Starter, client: Any, board: VirtualBoard, stream: Starter, wait_until: Starter
 ) -> None:
-    bridge = start_bridge(autostart="activate")
+    bridge = start_bridge(autostart="activate", open_wait_s=2.0)
     drive_far(client, board, stream)
     board.unplug()
     assert bridge.says("vanished")
     assert client.trigger("servo_bridge/e_stop").success
-    before = board.received
+    before = board.accepted
     board.replug()
     assert bridge.says("is open again")
     assert bridge.says("the e-stop is latched; call ~/clear_e_stop first")
     assert client.state() == "inactive"
-    assert board.received == before
+    assert board.accepted == before
 
 
 def test_its_clearing_moves_nothing_before_the_next_command(

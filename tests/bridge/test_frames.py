@@ -49,6 +49,8 @@ def test_a_set_frame_has_these_bytes() -> None:
         (frames.ping(3), 5),
         (frames.set_limits(4, [(1163, 2091, 2400)] * 3), 23),
         (frames.slew(5, 62), 7),
+        (frames.identify(5, 12345), 13),
+        (frames.identity(5, 12345), 13),
         (frames.banner(6, Banner(1, 0, 3, 2)), 9),
         (frames.telemetry(7, Telemetry(9, BoardFlags.LINK, (1500,) * 3, 0, 0)), 18),
     ],

@@ -1,4 +1,4 @@
-"""A board that comes back under another number is found by its name in /dev/serial/by-id, and driven on."""
+"""A board under another number is found by its name in /dev/serial/by-id, and driven on; no other is."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def test_replugged_under_another_number(
     by_id.mkdir()
     name = by_id / "usb-Arduino_Uno_tripod-if00"
     monkeypatch.setattr(board_session, "stable_name", partial(stable_name, by_id=by_id))
-    with EmulatedBoardPty() as before, EmulatedBoardPty() as after, VirtualBoard() as stranger:
+    with EmulatedBoardPty() as board, VirtualBoard() as stranger, EmulatedBoardPty() as another:
         for link in (name, number):
-            make_link(link, before.port)
+            make_link(link, board.port)
         diagnostics = client.collect(DiagnosticArray, "/diagnostics")
         overrides = {"port": str(number), "autostart": "activate", "source": "commands"}
         bridge = bridge_node.ServoBridge(
@@ -52,15 +52,20 @@ def test_replugged_under_another_number(
         )
         try:
             with SpinThread([bridge], client.context):
-                assert before.wait_for(rests, DEADLINE_S), before.widths_us()
+                assert board.wait_for(rests, DEADLINE_S), board.widths_us()
                 name.unlink()
                 make_link(number, stranger.port)
-                before.unplug()
+                board.unplug()
                 refused = f"{name} is not plugged in, and {number} may be another device by now"
                 assert spin_until(lambda: any(refused in each.status[0].message for each in diagnostics))
-                make_link(name, after.port)
-                assert after.wait_for(rests, DEADLINE_S), after.widths_us()
-                assert (after.open_count, stranger.open_count) == (1, 0)
+                make_link(name, another.port)
+                refused = f"another board is on {name}"
+                assert spin_until(lambda: any(refused in each.status[0].message for each in diagnostics))
+                board.replug()
+                make_link(name, board.port)
+                assert board.wait_for(rests, DEADLINE_S), board.widths_us()
+                assert (board.open_count, stranger.open_count) == (2, 0)
+                assert another.widths_us() is None
                 bridge.close()
         finally:
             bridge.destroy_node()

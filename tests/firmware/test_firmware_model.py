@@ -30,6 +30,7 @@ command = st.one_of(
     st.builds(frames.hold, seq),
     st.builds(frames.relax, seq),
     st.builds(frames.ping, seq),
+    st.builds(frames.identify, seq, st.integers(0, frames.NO_IDENTITY)),
 )
 half = st.one_of(
     st.builds(lambda number: frames.ping(number)[:3], seq),

@@ -116,7 +116,9 @@ def bounded(board: EmulatedBoard) -> None:
         (frames.ping(5)[1:], False),
         (frames.set_widths(5, [1500] * 3)[:-2] + b"\x80\x80", False),
         (frames.ping(5)[:3] + b"\x80" + frames.ping(5)[3:], False),
-        (bytes([0xFE, 0x80 | 7, 0x85, 0x80, 0x80]), False),
+        (frames.identify(5), True),
+        (frames.identify(5, 12345), True),
+        (bytes([0xFE, 0x80 | 8, 0x85, 0x80, 0x80]), False),
         (encode(Frame(FrameType.BANNER, 5, (1, 1, 0, 1))), False),
         (frames.ping(5)[:2] + frames.ping(5), True),
         (legacy(90, 90) + frames.ping(5), True),
@@ -167,6 +169,43 @@ def test_banner_then_telemetry_at_20_hz(board: EmulatedBoard) -> None:
     assert 199 <= len(parsed[1:]) <= 201
     assert [frame.seq for frame in parsed] == [index % 64 for index in range(len(parsed))]
     assert not frames.read_telemetry(parsed[-1]).flags
+
+
+def number(board: EmulatedBoard, frame: bytes) -> int:
+    """What the board answers to an IDENTIFY."""
+    board.take_transmitted()
+    board.feed(frame)
+    board.run(0.3)
+    answers = [each for each in FrameParser().feed(board.transmitted) if each.kind is FrameType.IDENTITY]
+    return frames.read_number(answers[0])
+
+
+def test_a_number_is_taken_once_and_kept_for_good_and_moves_nothing(board: EmulatedBoard) -> None:
+    assert number(board, frames.identify(1)) == frames.NO_IDENTITY
+    assert number(board, frames.identify(2, 0x0123456789AB)) == 0x0123456789AB
+    board.feed(frames.identify(3, 1))
+    board.power_cycle()
+    board.run(0.01)
+    assert number(board, frames.identify(4, 2)) == 0x0123456789AB
+    assert board.widths_us() is None
+
+
+def test_the_number_is_said_once_it_is_kept(board: EmulatedBoard) -> None:
+    board.feed(frames.identify(1, 77))
+    board.run(0.1)
+    assert FrameType.IDENTITY not in {each.kind for each in FrameParser().feed(board.transmitted)}
+    board.power_cycle()  # amid the writing: another number, which nobody has heard
+    board.run(0.01)
+    assert number(board, frames.identify(1)) not in (77, frames.NO_IDENTITY)
+
+
+def test_pulses_keep_their_widths_while_a_number_is_written(board: EmulatedBoard) -> None:
+    board.feed(frames.set_widths(1, [1001, 1502, 2003]))
+    board.settle()
+    board.clear()
+    assert number(board, frames.identify(1, 77)) == 77
+    widths = {(pulse.channel, round(pulse.width_us)) for pulse in board.pulses}
+    assert widths == {(0, 1001), (1, 1502), (2, 2003)}
 
 
 def test_telemetry_tells_the_widths_on_the_pins(board: EmulatedBoard) -> None:
