@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import json
+import threading
 import warnings
 from collections.abc import Mapping
 from os import PathLike
@@ -15,12 +17,19 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.errors import PolicyError, listing
 from softsim_core.extras import install_command
+from softsim_core.learning.onnx_file import objection
 from softsim_core.learning.task import Numbers, Senses
 from softsim_core.learning.tasks import TASKS
 from softsim_core.scene.robot import RobotDescription
 
 _ABOUT: Final = "softsim_"
 _LARGEST_BYTES: Final = 100_000_000
+LONGEST_ACTION_S: Final = 1.0
+"""A policy that has not answered within this time in [s] is stopped."""
+
+MOST_MEMORY: Final = 256 << 20
+"""Bytes that constants may take, and all that the policies of a process compute."""
+
 _ROUNDED: Final = 1e-9
 """Limits of a joint may be narrower than commands of the task by this, in [rad] or [m]."""
 
@@ -74,9 +83,10 @@ class Policy:
         """What to do, shape (k, j) float32, for observations (k, m) float32.
 
         Raises:
-            PolicyError: an answer that is not finite, or of another shape.
+            PolicyError: no answer within a second or `MOST_MEMORY`, one that is not finite, or of another
+                shape.
         """
-        found = np.asarray(self._session.run([self._output], {self._input: observations})[0])
+        found = np.asarray(self._run(observations))
         wanted = (len(observations), len(self.task.low))
         if found.shape != wanted:
             raise PolicyError(self._file, f"it answered with the shape {found.shape}, not {wanted}")
@@ -84,13 +94,41 @@ class Policy:
             raise PolicyError(self._file, "it answered with a number that is not finite; nothing was moved")
         return found
 
+    def _run(self, observations: Numbers) -> Any:
+        """The answer, computed under a deadline.
+
+        Raises:
+            PolicyError: there is none.
+        """
+        options = _runtime(self._file).RunOptions()
+        options.log_severity_level = 4
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            options.terminate = True
+
+        timer = threading.Timer(LONGEST_ACTION_S, stop)
+        timer.daemon = True
+        timer.start()
+        try:
+            return self._session.run([self._output], {self._input: observations}, options)[0]
+        except Exception as error:  # the runtime's own classes share no base of theirs
+            if late.is_set():
+                what = f"it has not answered within {LONGEST_ACTION_S:g} s"
+            else:
+                what = f"it cannot answer ({_reason(error)})"
+            raise PolicyError(self._file, f"{what}; nothing was moved") from error
+        finally:
+            timer.cancel()
+
     def command(self, senses: Senses) -> Array:
         """Where the servos of k robots go next in [rad] or [m], shape (k, j).
 
         The observation is the environment's, without the noise that stands there for sensors.
 
         Raises:
-            PolicyError: an answer that is not finite, or of another shape.
+            PolicyError: see `actions`.
         """
         observations = self.task.observation(self.task.sense(senses))
         return self.task.command(self.actions(observations), self.task.devices.command_step)
@@ -170,18 +208,50 @@ def _joints(robot: RobotDescription) -> list[str]:
     return [f"{joint.name} [{joint.units.command.si}]" for joint in robot.joints]
 
 
-def _session(path: Path) -> Any:
+def _runtime(path: Path) -> Any:
+    """ONNX Runtime.
+
+    Raises:
+        PolicyError: it is not installed.
+    """
     try:
-        runtime = importlib.import_module("onnxruntime")
+        return importlib.import_module("onnxruntime")
     except ImportError as error:
         raise PolicyError(path, f"{error}; {install_command('policy')}") from error
+
+
+@functools.cache
+def _limit_memory(runtime: Any) -> None:
+    """Give all sessions of this process one allocator, which refuses more than `MOST_MEMORY`."""
+    memory = runtime.OrtMemoryInfo(
+        "Cpu", runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, runtime.OrtMemType.DEFAULT
+    )
+    limits = {
+        "max_mem": MOST_MEMORY,
+        "arena_extend_strategy": 1,
+    }  # as much as is asked for, not twice as much
+    runtime.create_and_register_allocator(memory, runtime.OrtArenaCfg(limits))
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def _session(path: Path) -> Any:
+    runtime = _runtime(path)
     try:
         if (size := path.stat().st_size) > _LARGEST_BYTES:
             raise PolicyError(path, f"{size} bytes are more than the {_LARGEST_BYTES} allowed")
         data = path.read_bytes()
     except OSError as error:
         raise PolicyError(path, f"it cannot be read: {error.strerror}") from error
+    if problem := objection(data, MOST_MEMORY):
+        raise PolicyError(path, problem)
+    _limit_memory(runtime)
     options = runtime.SessionOptions()
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    # what does not depend on the observation would be computed here, without a deadline
+    options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
     with warnings.catch_warnings():
@@ -189,5 +259,5 @@ def _session(path: Path) -> Any:
         try:
             return runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # the runtime's own classes share no base of theirs
-            reason = " ".join(str(error).split())[:120]
-            raise PolicyError(path, f"it is no ONNX file that ONNX Runtime can run ({reason})") from error
+            what = f"it is no ONNX file that ONNX Runtime can run ({_reason(error)})"
+            raise PolicyError(path, what) from error

@@ -12,10 +12,11 @@ pytest.importorskip("onnxruntime")
 pytest.importorskip("numba")
 onnx = pytest.importorskip("onnx")
 
-from policy_files import write_policy  # noqa: E402
+from policy_files import constant, write_endless_policy, write_graph, write_policy  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
 from softsim_core.errors import PolicyError  # noqa: E402
+from softsim_core.learning.onnx_file import objection  # noqa: E402
 from softsim_core.learning.policy import load_policy, policy_metadata  # noqa: E402
 from softsim_core.learning.task import Moment, Senses  # noqa: E402
 from softsim_core.learning.tasks import TASKS  # noqa: E402
@@ -102,6 +103,94 @@ def test_an_answer_that_is_not_finite_is_none(tmp_path: Path) -> None:
     policy = load_policy(write_policy(tmp_path / "nan.onnx", "TripodReach-v0", weight=np.nan))
     with pytest.raises(PolicyError, match="not finite; nothing was moved"):
         policy.actions(np.ones((1, 14), dtype=np.float32))
+
+
+WEIGHTS = np.zeros((14, 3), np.float32)
+
+
+def test_an_endless_policy_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softsim_core.learning.policy.LONGEST_ACTION_S", 0.1)
+    policy = load_policy(write_endless_policy(tmp_path / "endless.onnx", "TripodReach-v0"))
+    with pytest.raises(PolicyError, match=r"has not answered within 0\.1 s; nothing was moved"):
+        policy.actions(np.zeros((1, 14), np.float32))
+
+
+def test_a_policy_that_asks_for_six_gigabytes_gets_none(tmp_path: Path) -> None:
+    helper = onnx.helper
+    nodes = [
+        helper.make_node("ConstantOfShape", ["size"], ["huge"]),
+        helper.make_node("ReduceMax", ["huge"], ["zero"], keepdims=0),
+        helper.make_node("MatMul", ["observation", "weights"], ["product"]),
+        helper.make_node("Add", ["product", "zero"], ["action"]),
+    ]
+    constants = [constant("size", [1_500_000_000]), constant("weights", WEIGHTS)]
+    policy = load_policy(write_graph(tmp_path / "huge.onnx", "TripodReach-v0", nodes, constants))
+    with pytest.raises(PolicyError, match=r"it cannot answer .*ConstantOfShape"):
+        policy.actions(np.zeros((1, 14), np.float32))
+
+
+def huge_constant() -> Any:
+    made = constant("weights", WEIGHTS)
+    made.dims[:] = [1_500_000_000, 3]
+    return made
+
+
+def huge_sparse_constant() -> Any:
+    values, places = constant("weights", np.float32([1.0])), constant("", np.int64([0]))
+    return onnx.helper.make_sparse_tensor(values, places, [1_500_000_000, 3])
+
+
+def other_files() -> Any:
+    made = constant("weights", WEIGHTS)
+    made.ClearField("raw_data")
+    made.data_location = onnx.TensorProto.EXTERNAL
+    made.external_data.add(key="location", value="passwords")
+    return made
+
+
+@pytest.mark.parametrize("place", ["initializer", "attribute", "branch"])
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (huge_constant, r"its constants take 18000\d+ bytes or more; at most 268435456 are allowed"),
+        (huge_sparse_constant, r"its constants take 36000\d+ bytes or more"),
+        (other_files, r"it keeps constants in other files \(external data\); save it as one file"),
+    ],
+)
+def test_what_a_file_asks_for_is_seen_before_it_is_loaded(
+    make: Any, sentence: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("onnxruntime.InferenceSession", None)
+    helper, value = onnx.helper, make()
+    sparse = isinstance(value, onnx.SparseTensorProto)
+    model = onnx.load(write_policy(tmp_path / "policy.onnx", "TripodReach-v0"))
+    held = helper.make_node("Constant", [], ["held"], **{"sparse_value" if sparse else "value": value})
+    if place == "initializer":
+        (model.graph.sparse_initializer if sparse else model.graph.initializer).append(value)
+    elif place == "attribute":
+        model.graph.node.append(held)
+    else:
+        branch = helper.make_graph([held], "branch", [], [])
+        model.graph.node.append(
+            helper.make_node("If", ["yes"], ["b"], then_branch=branch, else_branch=branch)
+        )
+    file = tmp_path / "asks.onnx"
+    file.write_bytes(model.SerializeToString())
+    with pytest.raises(PolicyError, match=sentence):
+        load_policy(file)
+
+
+def test_functions_and_damaged_files_are_refused(tmp_path: Path) -> None:
+    function = onnx.helper.make_function("own", "f", ["a"], ["b"], [], [onnx.helper.make_opsetid("", 17)])
+    file = write_graph(tmp_path / "policy.onnx", "TripodReach-v0", [], [], functions=[function])
+    with pytest.raises(PolicyError, match="it defines functions of its own"):
+        load_policy(file)
+    whole = write_policy(tmp_path / "policy.onnx", "TripodReach-v0").read_bytes()
+    random = np.random.default_rng(5)
+    for _ in range(200):
+        data = bytearray(whole[: random.integers(1, len(whole) + 1)])
+        data[random.integers(len(data))] ^= 1 << random.integers(8)
+        objection(bytes(data), 1 << 20)  # never raises
 
 
 @pytest.mark.slow

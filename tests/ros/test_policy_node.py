@@ -18,7 +18,7 @@ pytest.importorskip("onnx")
 pytestmark = pytest.mark.ros
 
 from geometry_msgs.msg import PoseStamped  # noqa: E402
-from policy_files import write_policy  # noqa: E402
+from policy_files import write_endless_policy, write_policy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -187,6 +187,19 @@ def test_an_answer_that_is_not_finite_moves_nothing(
     assert spin_until(lambda: bench.enabled.value is False)
     assert "not finite; nothing was moved" in bench.node._problem
     assert not bench.commands
+
+
+def test_an_endless_policy_is_switched_off_and_the_service_answers(
+    start_policy: Callable[..., Bench], spin_until: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softsim_core.learning.policy.LONGEST_ACTION_S", 0.2)
+    bench = start_policy(policy=str(write_endless_policy(tmp_path / "endless.onnx", TASK)))
+    bench.aim(GOAL)
+    for _ in range(2):
+        assert spin_until(lambda: bench.enable()[0])
+        assert spin_until(lambda: "has not answered within 0.2 s" in bench.node._problem)
+    assert bench.commands == []
+    assert bench.enable(False) == (True, "off: the command topic is free")
 
 
 def test_a_policy_of_another_robot_does_not_start(start_policy: Callable[..., Bench], tmp_path: Path) -> None:
