@@ -98,7 +98,11 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         return observation[0], self._info(self.episodes.told(_ZERO))
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Carry out an action; see gymnasium.Env."""
+        """Carry out an action; see gymnasium.Env.
+
+        Raises:
+            ArrayError, CommandError: not one finite number for each joint; nothing was moved.
+        """
         observations, done = self.episodes.act(_ZERO, np.asarray(action)[None])
         if self.render_mode == "human":
             self.render()
@@ -199,6 +203,8 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
 
         Raises:
             ResetNeeded: autoreset is disabled, and a robot's episode has ended.
+            ArrayError, CommandError: not one finite number for each joint of a robot whose episode goes on;
+                nothing was moved, and no episode has begun.
         """
         reward, terminated, truncated = np.zeros(self.num_envs), self._none(), self._none()
         anew = np.flatnonzero(self._ended)
@@ -207,6 +213,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
                 f"the episodes of robots {anew.tolist()} have ended: reset(options={{'reset_mask': ...}})"
             )
         going = self._all if not len(anew) else np.flatnonzero(~self._ended)
+        self.episodes.check_actions(going, np.asarray(actions)[going])
         info: dict[str, Any] = {}
         if len(anew):
             self._observations[anew] = self.episodes.begin(anew)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.arrays import Array, BoolArray, IndexArray, float_array
 from softsim_core.batch import Batch
+from softsim_core.errors import CommandError
 from softsim_core.learning.devices import Delay, Devices, rounded
 from softsim_core.learning.randomisation import Randomisation
 from softsim_core.learning.task import Moment, Numbers, Task
@@ -108,7 +109,12 @@ class Episodes:
         return self._observed(numbers)
 
     def act(self, numbers: IndexArray, actions: Numbers) -> tuple[Numbers, Outcome]:
-        """Carry out actions (k, j) in [-1, 1]; the observations (k, m), and what came of it."""
+        """Carry out actions (k, j) in [-1, 1]; the observations (k, m), and what came of it.
+
+        Raises:
+            ArrayError, CommandError: see `check_actions`; nothing was moved.
+        """
+        self.check_actions(numbers, actions)
         task, joints = self.task, len(self.task.low)
         self._wanted[numbers] = task.command(actions, self._command_step[numbers])
         told = self._commanding.through(numbers, self._wanted[numbers])
@@ -125,6 +131,18 @@ class Episodes:
         ended = judged.failed | diverged
         truncated = (self._actions[numbers] >= task.horizon) & ~ended
         return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
+
+    def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
+        """Refuse actions of chosen copies that cannot be carried out, also with a latency: at once.
+
+        Raises:
+            ArrayError: they are not (k, j) numbers.
+            CommandError: one is not finite.
+        """
+        finite = np.isfinite(float_array(actions, (len(numbers), len(self.task.low)), "actions"))
+        if not finite.all():
+            bad = numbers[~finite.all(axis=1)].tolist()
+            raise CommandError(f"actions of robots {bad} refused: one is not finite; nothing was moved")
 
     def told(self, numbers: IndexArray) -> dict[str, Numbers]:
         """What `info` tells at the start of an episode."""

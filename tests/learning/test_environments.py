@@ -15,7 +15,7 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("numba")
 
-from softsim_core import SceneError  # noqa: E402
+from softsim_core import CommandError, SceneError  # noqa: E402
 from softsim_core.arrays import Array  # noqa: E402
 from softsim_core.learning.environments import RobotEnv, RobotVectorEnv  # noqa: E402
 from softsim_core.learning.tasks import TASKS  # noqa: E402
@@ -217,3 +217,33 @@ def test_what_cannot_be_is_refused() -> None:
         RobotEnv("TripodReach-v0", render_mode="ansi")
     with pytest.raises(SceneError, match="command_latency"):
         RobotEnv("TripodReach-v0", devices={"delay": 0.1})
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_refused_at_that_step(bad: float) -> None:
+    """Also where servos get it one action later; nothing has moved, and the episode goes on."""
+    late = {"command_latency": 0.04}
+    good, wrong = np.full(3, 0.2, np.float32), np.float32([0.1, bad, 0.1])
+    told, untold = (RobotEnv("TripodReach-v0", devices=late) for _ in range(2))
+    for environment in (told, untold):
+        environment.reset(seed=5)
+        environment.step(good)
+    for _ in range(2):
+        with pytest.raises(CommandError, match=r"actions of robots \[0\] refused: one is not finite"):
+            told.step(wrong)
+    for _ in range(3):
+        assert told.step(good)[0].tobytes() == untold.step(good)[0].tobytes()
+
+
+def test_of_many_robots_all_are_told_or_none() -> None:
+    robots = RobotVectorEnv("TripodReach-v0", num_envs=3)
+    robots.reset(seed=5)
+    before = robots.episodes.batch.states.copy()
+    actions = np.zeros((3, 3), np.float32)
+    actions[1, 2] = np.nan
+    with pytest.raises(CommandError, match=r"actions of robots \[1\] refused"):
+        robots.step(actions)
+    assert robots.episodes.batch.states.tobytes() == before.tobytes()
+    with pytest.raises(CommandError, match="commands of a batch refused"):
+        robots.episodes.batch.command(actions)
+    assert robots.episodes.batch.states.tobytes() == before.tobytes()
