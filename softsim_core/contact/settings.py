@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from softsim_core.values import FieldError, need_positive
 
+MOST_ITERATIONS = 100_000
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairFriction:
@@ -34,7 +36,7 @@ class ContactSettings:
         contact_distance: Gap in [m] at which bodies come to rest, >= 0.
         friction: Coulomb coefficient in [-], >= 0, of all pairs but those of `friction_pairs`.
         friction_pairs: Pairs with a coefficient of their own; of several that fit, the last one counts.
-        iterations: Most sweeps of the contact solver, > 0.
+        iterations: Most sweeps of the contact solver, 1 to 100 000.
         tolerance: It stops below this complementarity residual in [m], > 0.
     """
 
@@ -56,5 +58,5 @@ class ContactSettings:
             )
         if not 0.0 <= self.friction < math.inf:
             raise FieldError("contact", "friction", self.friction, ">= 0")
-        if self.iterations < 1:
-            raise FieldError("contact", "iterations", self.iterations, ">= 1")
+        if not 1 <= self.iterations <= MOST_ITERATIONS:
+            raise FieldError("contact", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")

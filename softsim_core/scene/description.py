@@ -24,8 +24,11 @@ from softsim_core.sensing.description import (
     SimulatedSensorDescription,
     need_sensors,
 )
-from softsim_core.values import Vector, need_finite, need_positive
+from softsim_core.values import FieldError, Vector, need_finite, need_positive
 from softsim_core.wrong_names import known_names
+
+SHORTEST_STEP, LONGEST_STEP = 1e-9, 1e9
+"""Allowed time steps in [s]: a shorter one would never get anywhere, a longer one is no step."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +37,7 @@ class SceneDescription:
 
     Attributes:
         name: What messages call it.
-        dt: Time step in [s], > 0.
+        dt: Time step in [s], from 1e-9 to 1e9.
         gravity: In [m/s^2].
         solver: Numerics.
         bodies: Deformable bodies.
@@ -62,6 +65,8 @@ class SceneDescription:
 
     def __post_init__(self) -> None:
         need_positive(f"scene {self.name}", "dt", self.dt, "s")
+        if not SHORTEST_STEP <= self.dt <= LONGEST_STEP:
+            raise FieldError(f"scene {self.name}", "dt", self.dt, f"{SHORTEST_STEP:g} to {LONGEST_STEP:g} s")
         need_finite(f"scene {self.name}", "gravity", self.gravity)
         for kind, names in (
             ("body", self.body_names),

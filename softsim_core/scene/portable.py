@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from softsim_core.actuation.registry import FRAME_KINDS, described_kinds
-from softsim_core.errors import ConfigError
+from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.size import check_size
 from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.yaml_source import SourcedMapping, parse_yaml
 
@@ -37,8 +38,8 @@ def write_description(robot: RobotDescription, *, given_only: bool = False) -> s
 def read_description(text: str) -> RobotDescription:
     """The robot and scene of `write_description`; no file is looked for, no code runs.
 
-    A law or an actuator that only the scene's own code knows is unknown here: then it is a robot with its
-    joints alone, or with nothing but its name.
+    A law or an actuator that only the scene's own code knows is unknown here, and a scene may take more
+    memory than allowed (see size): then it is a robot with its joints alone, or with nothing but its name.
 
     Raises:
         ConfigError: no YAML, or a description without a name.
@@ -49,9 +50,11 @@ def read_description(text: str) -> RobotDescription:
         driven["joints"] = [_frame_joint(joint) for joint in driven["joints"]]
     for some in (data, driven):
         try:
-            return structure_scene(some, ORIGIN, find_files=False)
-        except ConfigError:
+            robot = structure_scene(some, ORIGIN, find_files=False)
+            check_size(robot.scene, read_files=False)
+        except (ConfigError, SceneError):
             continue
+        return robot
     return structure_scene(SourcedMapping({"name": data.get("name")}, ORIGIN), ORIGIN, find_files=False)
 
 

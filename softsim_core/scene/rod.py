@@ -16,6 +16,7 @@ from softsim_core.values import FieldError, Placement, Vector, need_finite, need
 SectionShape: TypeAlias = Literal["rectangle", "ellipse"]
 NaturalShape: TypeAlias = Literal["as_drawn", "straight"]
 RodEnd: TypeAlias = Literal["start", "end"]
+MOST_ELEMENTS, MOST_ACROSS = 100_000, 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,9 +125,9 @@ class RodDescription:
         first_axis: Direction that the first axis of the first section is nearest to; from there the axes go
             along the curve without turning about it.
         start_direction, end_direction: Along the rod at its ends, of length 1; None: as the points say.
-        elements: Number of cells, of three sections each.
+        elements: Number of cells, of three sections each; up to 100 000.
         across: Of a rod whose body names an element of tetrahedra: boxes of six of them along the first and
-            the second axis; `elements` is their number along the rod.
+            the second axis, up to 1000; `elements` is their number along the rod.
         natural: Shape without load: "as_drawn" or "straight".
         curvature: In [1/m] beyond that of the natural shape: along the first and the second axis, and twist
             in [rad/m].
@@ -158,10 +159,10 @@ class RodDescription:
         for end in ("start_direction", "end_direction"):
             if (direction := getattr(self, end)) is not None:
                 need_unit("rod", end, direction)
-        if self.elements < 1:
-            raise FieldError("rod", "elements", self.elements, ">= 1")
-        if min(self.across) < 1:
-            raise FieldError("rod", "across", list(self.across), "two numbers >= 1")
+        if not 1 <= self.elements <= MOST_ELEMENTS:
+            raise FieldError("rod", "elements", self.elements, f"1 to {MOST_ELEMENTS}")
+        if not all(1 <= boxes <= MOST_ACROSS for boxes in self.across):
+            raise FieldError("rod", "across", list(self.across), f"two numbers from 1 to {MOST_ACROSS}")
         if self.natural not in get_args(NaturalShape):
             raise FieldError(
                 "rod", "natural", repr(self.natural), f"one of {', '.join(get_args(NaturalShape))}"

@@ -17,6 +17,7 @@ TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]
 Threads: TypeAlias = Literal["auto"] | int
 SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
 MOST_THREADS: Final = 64
+MOST_ITERATIONS: Final = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +39,8 @@ class SolverSettings:
         spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
         substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
             one: 1 (always whole), 2, 4 and so on up to 64.
-        iterations: Newton iterations of a step at most, >= 1; with 1 it is linearised once. "bossak" takes 2
-            at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
+        iterations: Newton iterations of a step at most, 1 to 1000; with 1 it is linearised once. "bossak"
+            takes 2 at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
         iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
             >= 0.
     """
@@ -70,8 +71,8 @@ class SolverSettings:
             raise FieldError("solver", "spectral_radius", self.spectral_radius, "between 0 and 1")
         if self.substeps not in SUBSTEPS:
             raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
-        if self.iterations < 1:
-            raise FieldError("solver", "iterations", self.iterations, ">= 1")
+        if not 1 <= self.iterations <= MOST_ITERATIONS:
+            raise FieldError("solver", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")
         if not 0.0 <= self.iteration_tolerance < math.inf:
             raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
         known = (AUTO, *linear_solver_names())

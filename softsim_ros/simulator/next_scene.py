@@ -12,6 +12,7 @@ from softsim_core import RobotDescription, Simulation
 from softsim_core.dynamics.backends import has_compiled_step
 from softsim_core.errors import SoftSimError, SolverDivergedError
 from softsim_core.scene import SceneCatalog
+from softsim_core.scene.size import check_size
 from softsim_core.warmup import get_ready_to_load, kernels_ready
 from softsim_node.ending import ending
 from softsim_ros.simulator.compiled_later import BEGINS
@@ -54,7 +55,11 @@ class SceneBuilder:
         """The simulation, ready: the first real step takes no longer than the others.
 
         Before the kernels are compiled, "auto" is the SciPy path; see CompiledLater.
+
+        Raises:
+            SoftSimError: it takes more memory than allowed, see scene.size, or cannot be built.
         """
+        check_size(scene.scene)
         robot = self._settings().over(scene)
         backend: Any = self._settings().backend
         waits = self.waits(robot)

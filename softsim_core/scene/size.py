@@ -1,0 +1,128 @@
+"""How much memory a scene will take, told from its description, and how much a scene from a message may take.
+
+A message of two hundred bytes can describe a body of any size. What is built because of a message is measured
+here first: nothing is drawn, meshed or factorised before.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Final
+
+from softsim_core.errors import SceneError
+from softsim_core.fem.elements import element
+from softsim_core.mesh.readers import read_tets
+from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.rod import RodDescription
+
+VARIABLE: Final = "SOFTSIM_MOST_MEMORY"
+MOST_GIGABYTES: Final = 2.0
+"""What a scene may take where the environment variable does not say otherwise."""
+
+_NODE_BYTES, _CELL_BYTES, _FACTOR_BYTES = 1000.0, 4000.0, 156.0
+"""Per node, per cell, and per unknown to the power of 4/3: the factor of 8232 holds 2.1 million numbers."""
+
+_SMALL_FILE = 40_000
+"""A file of fewer bytes is not read to be measured: it holds some thousand nodes at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSize:
+    """Size of the deformable bodies of a scene.
+
+    Attributes:
+        nodes, cells: Of all together.
+        largest: Name of the body with the most nodes; empty without bodies.
+    """
+
+    nodes: int
+    cells: int
+    largest: str
+
+    @property
+    def gigabytes(self) -> float:
+        """Memory that state, matrices and their factor take, about, in [GB]."""
+        factor = _FACTOR_BYTES * (3.0 * self.nodes) ** (4.0 / 3.0)
+        return (_NODE_BYTES * self.nodes + _CELL_BYTES * self.cells + factor) / 1e9
+
+
+def scene_size(scene: SceneDescription, *, read_files: bool = True) -> SceneSize:
+    """Measure a scene without building it.
+
+    Args:
+        scene: The scene.
+        read_files: Read the files of meshes where they may be large; else they do not count.
+
+    Raises:
+        MeshError: such a file cannot be read.
+    """
+    sizes = {body.name: _body_size(body, read_files) for body in scene.bodies}
+    largest = max(sizes, key=lambda name: sizes[name][0], default="")
+    return SceneSize(
+        sum(nodes for nodes, _ in sizes.values()), sum(cells for _, cells in sizes.values()), largest
+    )
+
+
+def check_size(scene: SceneDescription, *, read_files: bool = True) -> None:
+    """Refuse a scene that takes more memory than one from a message may; call it before anything is built.
+
+    Args:
+        scene: The scene.
+        read_files: See `scene_size`; False where a message may have named the files.
+
+    Raises:
+        SceneError: it does, or the environment variable is no number.
+        MeshError: a file of a mesh cannot be read.
+    """
+    size, most = scene_size(scene, read_files=read_files), _most_gigabytes()
+    if size.gigabytes > most:
+        raise SceneError(
+            f"scene {scene.name} needs about {size.gigabytes:.3g} GB ({size.nodes} nodes and"
+            f" {size.cells} cells, most of them in body {size.largest}), and {most:g} GB are allowed; give it"
+            f" fewer, or start with {VARIABLE}={math.ceil(size.gigabytes)} in the environment"
+        )
+
+
+def _most_gigabytes() -> float:
+    text = os.environ.get(VARIABLE, "")
+    try:
+        most = float(text) if text else MOST_GIGABYTES
+    except ValueError:
+        most = math.nan
+    if not most > 0.0:
+        raise SceneError(f"{VARIABLE}={text[:40]!r} in the environment is refused; give a number > 0, in GB")
+    return most
+
+
+def _body_size(body: BodyDescription, read_files: bool) -> tuple[int, int]:
+    """Nodes and cells of a body; none where it is a file too small to matter, or not to be read."""
+    if body.rod is not None:
+        return _rod_size(body.rod) if body.is_rod else _swept_size(body.rod, body.element or "")
+    mesh = body.mesh
+    if mesh is None:
+        return 0, 0
+    if not isinstance(mesh, TetMesh):
+        if not (read_files and mesh.file.is_file() and mesh.file.stat().st_size >= _SMALL_FILE):
+            return 0, 0
+        mesh = read_tets(mesh.file)
+    corners = mesh.tets.shape[1]
+    grown = 8 if body.order == 2 and corners == 4 else 1
+    return grown * len(mesh.points), len(mesh.tets)
+
+
+def _rod_size(rod: RodDescription) -> tuple[int, int]:
+    """Three nodes to a section, two sections more for each cell; a clamp is a cell."""
+    cells = rod.elements + (rod.start_clamp is not None) + (rod.end_clamp is not None)
+    return 3 * (2 * cells + 1), cells
+
+
+def _swept_size(rod: RodDescription, name: str) -> tuple[int, int]:
+    """Boxes of six tetrahedra, with nodes on their edges where the element has ten."""
+    first, second = rod.across
+    parts = 1 if len(element(name).reference) == 4 else 2
+    nodes = (parts * rod.elements + 1) * (parts * first + 1) * (parts * second + 1)
+    return nodes, 6 * rod.elements * first * second
