@@ -15,9 +15,7 @@ from softsim_node.parameters import ParameterError, declare, parameter, paramete
 Source = Literal["joint_states", "commands", "joint_commands"]
 Autostart = Literal["none", "configure", "activate"]
 
-FIXED_WHILE_CONFIGURED = frozenset(
-    ("robot", "port", "source", "rate", "open_wait_s", "protocol", "baud_rate", "calibration")
-)
+FIXED_WHILE_CONFIGURED = frozenset(("source", "rate", "open_wait_s", "baud_rate"))
 """Parameters that take effect at the next configure and are refused while the node is configured."""
 
 _TIMES = MotionSettings()
@@ -27,9 +25,11 @@ _TIMES = MotionSettings()
 class BridgeSettings:
     """Values of the parameters."""
 
-    robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file")
+    robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file", fixed=True)
     port: str = parameter(
-        "", "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in"
+        "",
+        "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in",
+        fixed=True,
     )
     source: Source = parameter(
         "joint_states",
@@ -47,6 +47,7 @@ class BridgeSettings:
         AUTO,
         f"What the board speaks: {AUTO} (as the robot's file says, else found out), or its name:"
         f" {listing(names())}, or one that the robot's Python file registers",
+        fixed=True,
     )
     baud_rate: int = parameter(
         0,
@@ -58,6 +59,7 @@ class BridgeSettings:
         "auto",
         "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
         " configuration, where it exists; empty: none",
+        fixed=True,
     )
     imu_frame: str = parameter("", "Frame of the topic imu; empty: <frame_prefix>effector")
     frame_prefix: str = parameter("", "Stands before the robot's frames; from its namespace", fixed=True)

@@ -323,7 +323,11 @@ def test_parameters_that_need_a_new_configure_are_refused_meanwhile(
     start_bridge(autostart="activate")
     stream(client.publisher(Float64MultiArray, COMMANDS), command(*[math.radians(-78.5)] * 3))
     assert board.wait_for(at(101, 101, 101))
-    refused = change("port", ParameterType.PARAMETER_STRING, string_value="/dev/ttyACM0")
+    for name in ("robot", "port", "calibration", "protocol"):
+        never = change(name, ParameterType.PARAMETER_STRING, string_value="/dev/ttyACM0")
+        assert not never.successful
+        assert "read-only" in never.reason
+    refused = change("rate", ParameterType.PARAMETER_DOUBLE, double_value=20.0)
     assert not refused.successful
     assert "fixed while the bridge is configured" in refused.reason
     assert not change("rest_timeout", ParameterType.PARAMETER_DOUBLE, double_value=-1.0).successful
