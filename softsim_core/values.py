@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, TypeAlias
+from typing import Final, NewType, TypeAlias
 
 from softsim_core.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
+SceneName = NewType("SceneName", str)
+"""Name of a robot or scene, or a file of one: text that leads to a file, as a Path does."""
 
 POINT: Final = MappingProxyType({"in_world": "point"})
 """Metadata of a field of vectors: points in the world, as the scene is built; see scene.placed."""

@@ -64,6 +64,15 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
         if path.suffix not in SUFFIXES:
             raise ConfigError(text, "", f"a path file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
         return path.absolute()
+    return known_path(text)
+
+
+def known_path(text: str) -> Path:
+    """The file of a path in `configs/paths` by its name, whatever lies in the working directory.
+
+    Raises:
+        ConfigError: there is none, or two of that name; names what is known.
+    """
     known = known_paths()
     found = [file for name, file in known.items() if text in (name, Path(name).stem)]
     if len(found) == 1:

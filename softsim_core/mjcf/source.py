@@ -83,8 +83,12 @@ def read_source(path: str | Path) -> Source:
         roots.append(root)
         for element in root.iter("include"):
             waiting.append(_inside(element.get("file", ""), file.parent, file, "include"))
+        for element in root.iter("model"):  # one that is attached, and may be several times
+            attached = _inside(element.get("file", ""), file.parent, file, "model")
+            if attached.resolve() not in (*seen, *(each.resolve() for each in waiting)):
+                waiting.append(attached)
     source = Source(file, tuple(roots))
-    _check(source)
+    _check(source, {each.parent for each in seen})
     return source
 
 
@@ -109,10 +113,13 @@ def _parsed(text: bytes, one: Path) -> ElementTree.Element:
         raise MjcfError(one, f"is no well-formed XML ({error}); look at that line") from error
 
 
-def _check(source: Source) -> None:
-    """Refuse numbers that are none, files outside the folder, too large files and grids."""
+def _check(source: Source, folders: set[Path]) -> None:
+    """Refuse numbers that are none, files outside the folder, too large files and grids.
+
+    `folders` are those of the model's files, from which it may name others.
+    """
     folder = source.file.parent
-    directories = [folder]
+    directories = [folder, *sorted(folders - {folder.resolve()})]
     for element, _ in source.elements():
         if element.tag == "compiler":
             directories += [
@@ -155,12 +162,12 @@ def _grid(element: ElementTree.Element) -> int:
 
 
 def _size(text: str, directories: list[Path], file: Path, what: str) -> int:
-    """Bytes of a file that a model names; 0 where it is not found (MuJoCo tells that)."""
-    for directory in directories:
-        found = _inside(text, directory, file, what)
-        if found.is_file():
-            return found.stat().st_size
-    return 0
+    """Bytes of a file that a model names; 0 where it is not found (MuJoCo tells that).
+
+    Which of the directories MuJoCo looks into is not known here: the file must lie inside by each of them.
+    """
+    found = [_inside(text, directory, file, what) for directory in directories]
+    return max((each.stat().st_size for each in found if each.is_file()), default=0)
 
 
 def _inside(text: str, directory: Path, file: Path, what: str) -> Path:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from softsim_core.errors import ConfigError, listing
-from softsim_core.scene.files import SUFFIXES, installed_roots, known_scenes
+from softsim_core.scene.files import SUFFIXES, known_scenes
+from softsim_core.scene.programs import ANY_PROGRAM, ProgramRule, limited_to
 from softsim_core.scene.python_loader import load_python
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_loader import load_yaml
@@ -31,17 +32,18 @@ LONGEST_NAME: Final = 60
 HEAD_BYTES: Final = 65536
 _MARKS: Final = {
     True: re.compile(rb"^def create_scene\(", re.MULTILINE),
-    False: re.compile(rb"^(bodies|rigid_bodies|extends)\s*:", re.MULTILINE),
+    False: re.compile(rb"^(arm|bodies|rigid_bodies|extends)\s*:", re.MULTILINE),
 }
-"""What tells a scene from another file of a start folder: in Python files, and in YAML files."""
+"""What tells a scene from another file of an allowed folder: in Python files, and in YAML files."""
 
 
 class SceneCatalog:
     """The scenes that can be asked for over ROS, by a bag or from a page: names, never paths.
 
-    Known are the scenes of the config roots, those that the start command named, and those that lie in the
-    start folder or in a folder whose code is allowed. A Python scene is a program: it runs where it belongs
-    to the installation, was named by the start command, or lies in a folder whose code is allowed.
+    Known are the scenes of the config roots, those that the start command named, and those that lie in a
+    folder whose code it allowed; what else lies where it was given is not looked at. A Python scene is a
+    program, and so is a xacro file that a scene names: they run where the scene belongs to the installation,
+    was named by the start command, or lies in a folder whose code is allowed.
 
     Args:
         named: Names and files of the scenes that the start command named.
@@ -49,7 +51,7 @@ class SceneCatalog:
         start_folder: Where the process was started; None: the working directory.
 
     Attributes:
-        start_folder: That folder; None: it was removed.
+        start_folder: That folder, into which copies are written; None: it was removed.
     """
 
     def __init__(
@@ -69,13 +71,11 @@ class SceneCatalog:
             known.setdefault(name, file)
         for folder in self._code_folders:
             _add(known, folder, folder.rglob("*"))
-        if self.start_folder is not None:
-            _add(known, self.start_folder, self.start_folder.glob("*"))
         return dict(sorted(known.items()))
 
     def names(self) -> tuple[str, ...]:
         """Names of the scenes that can be loaded."""
-        return tuple(name for name, file in self.scenes().items() if self._may_run(file))
+        return tuple(name for name, file in self.scenes().items() if self.rule_of(file).allows(file))
 
     def find(self, name: str) -> Path:
         """The file of a known scene.
@@ -92,7 +92,7 @@ class SceneCatalog:
                 f"no known scene has this name; {near}; another "
                 "file must be named when the simulator is started",
             )
-        if not self._may_run(known[name]):
+        if not self.rule_of(known[name]).allows(known[name]):
             raise ConfigError(
                 name,
                 "",
@@ -108,20 +108,13 @@ class SceneCatalog:
             ConfigError: as `find`, and any problem in the file.
         """
         file = self.find(name)
-        return load_python(file, overrides) if file.suffix == ".py" else load_yaml(file, overrides)
+        with limited_to(self.rule_of(file)):
+            return load_python(file, overrides) if file.suffix == ".py" else load_yaml(file, overrides)
 
-    def _may_run(self, file: Path) -> bool:
-        return (
-            file.suffix != ".py"
-            or file.absolute() in self._named.values()
-            or code_may_run(file, self._code_folders)
-        )
-
-
-def code_may_run(file: Path, code_folders: Iterable[Path]) -> bool:
-    """Whether a Python file belongs to the installation, or lies in a folder whose code is allowed."""
-    folders = (*installed_roots(), *code_folders)
-    return any(file.absolute().is_relative_to(folder.absolute()) for folder in folders)
+    def rule_of(self, file: Path) -> ProgramRule:
+        """Which programs run with a known scene: all that it names, if its own file is trusted."""
+        rule = ProgramRule(self._code_folders)
+        return ANY_PROGRAM if file.absolute() in self._named.values() or rule.trusts(file) else rule
 
 
 def folders_of(text: str) -> list[str]:

@@ -109,16 +109,13 @@ def scene_converter(find_files: bool) -> Any:
             for name, part in inner.items():
                 given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}
             built = build(given, cls)
-            if not find_files:
+            paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
+            if not (find_files and paths):
                 return built
-            if cls is MeshFile:
-                return replace(built, file=_located(built.file, "file", value, "mesh file"))
-            if issubclass(cls, ActuatorDescription):
-                paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
-                what = {name: f"file of {cls.kind} {name}" for name in paths}
-                located = {name: _located(getattr(built, name), name, value, what[name]) for name in paths}
-                return replace(built, **located)
-            return built
+            owner = f"{cls.kind} " if issubclass(cls, ActuatorDescription) else ""
+            what = {name: "mesh file" if cls is MeshFile else f"file of {owner}{name}" for name in paths}
+            located = {name: _located(getattr(built, name), name, value, what[name]) for name in paths}
+            return replace(built, **located)
 
         return structure
 

@@ -16,6 +16,7 @@ from typing import Any
 from softsim_core.errors import ConfigError, SceneError, SoftSimError
 from softsim_core.scene.moved import new_place
 from softsim_core.scene.plain import sourced, unstructure_scene
+from softsim_core.scene.programs import ANY_PROGRAM, allowed_program, limited_to
 from softsim_core.scene.robot import Controller, RobotDescription
 from softsim_core.scene.scene import Scene
 from softsim_core.scene.structure import structure_scene
@@ -41,8 +42,9 @@ def load_python(
     """
     path = Path(file).expanduser().absolute()
     scene = Scene(name=path.stem)
-    with _beside(path), _errors_of(path):
-        create_scene = _module(path).__dict__.get("create_scene")
+    program = allowed_program(path)
+    with _beside(path), _errors_of(path), limited_to(ANY_PROGRAM):  # it runs, so it may do all
+        create_scene = _module(path, program).__dict__.get("create_scene")
         if not callable(create_scene):
             raise ConfigError(path, "", "must define a function create_scene(scene)")
         create_scene(scene, **(arguments or {}))
@@ -62,9 +64,10 @@ def load_python(
     )
 
 
-def _module(path: Path) -> ModuleType:
+def _module(path: Path, program: Path) -> ModuleType:
+    """The module of a scene's file, whose code is read from the program that was allowed."""
     try:
-        source = path.read_bytes()
+        source = program.read_bytes()
     except OSError as error:
         raise ConfigError(path, "", f"cannot be read ({error.strerror or error})") from error
     linecache.checkcache(str(path))  # tracebacks show the file as it is now

@@ -65,7 +65,7 @@ def _loaded(
 def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> SourcedMapping:
     """The data of a file laid over the arm that it describes."""
     file, described = data.file_of("arm") or path, data.pop("arm")
-    arm = structured(described, ArmDescription, file, at="arm")
+    arm = structured(described, ArmDescription, file, at="arm", find_files=False)
     arm = replace(arm, urdf=relative_to_file(arm.urdf, file))
 
     def tool(hung: ToolDescription) -> RobotDescription:

@@ -298,15 +298,24 @@ def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> 
 
 
 def relative_to_file(path: str | Path, file: Path | None) -> Path:
-    """Absolute path of something a file names relative to itself (None: to the working directory)."""
-    path = Path(path).expanduser()
-    if path.is_absolute():
-        return path
-    if file is None:
-        return path.absolute()
-    direct = file.parent / path
-    through_links = file.resolve().parent / path
-    return (through_links if through_links.exists() and not direct.exists() else direct).resolve()
+    """Absolute path of something a file names relative to itself (None: to the working directory).
+
+    Raises:
+        ConfigError: it cannot be a path: an unknown user's, too long, or with a zero in it.
+    """
+    try:
+        path = Path(path).expanduser()
+        if path.is_absolute():
+            return path
+        if file is None:
+            return path.absolute()
+        direct = file.parent / path
+        through_links = file.resolve().parent / path
+        return (through_links if through_links.exists() and not direct.exists() else direct).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ConfigError(
+            file or "", "", f"{str(path)[:60]!r} is no path of a file ({error!s:.60})"
+        ) from error
 
 
 def _pyyaml(file: Path) -> Any:

@@ -18,6 +18,7 @@ from softsim_core.errors import SoftSimError, StudyError
 from softsim_core.extras import install_command
 from softsim_core.processes import use_safe_path
 from softsim_core.scene import load_scene
+from softsim_core.scene.programs import ProgramRule, limited_to
 from softsim_core.simulation import Simulation
 from softsim_core.study.identity import versions
 from softsim_core.study.single import RAISED, Outcome, Watch, Work, run_once
@@ -82,14 +83,14 @@ def run_batch(
         raise StudyError(
             f"a worker has {name} {versions()[name]}, the client {known.get(name)}; install the same"
         )
-    _load_kernels(work.scene)
+    _load_kernels(work.scene, work.programs)
     return [(number, _recorded_run(work, number, values, recorded.get(number))) for number, values in tasks]
 
 
 @functools.lru_cache(maxsize=1)
-def _load_kernels(scene: Path) -> None:
+def _load_kernels(scene: Path, programs: ProgramRule) -> None:
     """Load what is compiled, once for each process: seconds that no run's time limit shall hold."""
-    with contextlib.suppress(SoftSimError):
+    with contextlib.suppress(SoftSimError), limited_to(programs):
         Simulation(load_scene(scene)).step()
 
 

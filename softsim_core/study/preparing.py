@@ -12,9 +12,10 @@ import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import ConfigError
-from softsim_core.scene.catalog import code_folder, code_may_run
+from softsim_core.scene.catalog import code_folder
 from softsim_core.scene.files import find_config
 from softsim_core.scene.plain import sourced
+from softsim_core.scene.programs import ProgramRule
 from softsim_core.scene.yaml_source import relative_to_file
 from softsim_core.simulation import Simulation
 from softsim_core.study.description import StudyDescription, find_study, load_study
@@ -79,14 +80,9 @@ class PreparedStudy:
 
     def _attributes(self) -> dict[str, Any]:
         study, work = self.study, self.work
-        code = [
-            work.folder / f"{each.function.partition('.py:')[0]}.py"
-            for each in study.measure
-            if each.function
-        ]
         told = {
             "study": sourced(study, None),
-            "scene_sha256": scene_hash(work.unchanged(), tuple(dict.fromkeys(code))),
+            "scene_sha256": scene_hash(work.unchanged(), tuple(dict.fromkeys(work.functions.values()))),
             "versions": versions(),
             "study_text": self.file.read_text(encoding="utf-8"),
             "title": study.about or study.name,
@@ -99,29 +95,30 @@ def prepare_study(file: str | Path, code_folders: Iterable[str | Path] = ()) -> 
 
     Args:
         file: Of the study, or the name of one that came with the suite.
-        code_folders: Folders whose Python files may run: scenes and functions outside the installation.
+        code_folders: Folders whose programs may run: Python scenes and functions, and xacro files of arms,
+            outside the installation.
 
     Raises:
         ConfigError: any problem in the study or its scene, or code that may not run, in one sentence.
     """
     path = find_study(file)
     study = load_study(path)
-    folders = [code_folder(each) for each in code_folders]
+    programs = ProgramRule(tuple(code_folder(each) for each in code_folders))
     beside = relative_to_file(study.scene, path)
-    scene = find_config(beside if beside.is_file() else study.scene)
-    functions = [
-        relative_to_file(f"{each.function.partition('.py:')[0]}.py", path)
+    scene = find_config(beside if beside.is_file() else study.scene).resolve()
+    functions = {
+        each.function: relative_to_file(f"{each.function.partition('.py:')[0]}.py", path).resolve()
         for each in study.measure
         if each.function
-    ]
-    for code in (scene, *functions):
-        if code.suffix == ".py" and not code_may_run(code, folders):
+    }
+    for code in (scene, *functions.values()):
+        if not programs.allows(code):
             raise ConfigError(
                 path, "", f"{code} is code that would run; allow it: --allow-code {code.parent}"
             )
-    for code in functions:
+    for code in functions.values():
         if not code.is_file():
             raise ConfigError(path, "measure", f"no such file {code}")
     if study.arguments and scene.suffix != ".py":
         raise ConfigError(path, "arguments", f"are for Python scenes, and {scene.name} is none; use overlay")
-    return PreparedStudy(path, Work(study, scene, path.parent))
+    return PreparedStudy(path, Work(study, scene, functions, programs))

@@ -7,7 +7,7 @@ import functools
 import hashlib
 import importlib.util
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from softsim_core.arrays import Array
 from softsim_core.errors import SceneError, SoftSimError, SolverDivergedError
 from softsim_core.identification.expressions import filled
 from softsim_core.scene import load_scene
+from softsim_core.scene.programs import ProgramRule, allowed_program, limited_to
 from softsim_core.scene.python_loader import load_python
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_loader import load_yaml
@@ -57,12 +58,14 @@ class Work:
     Attributes:
         study: The study.
         scene: File of its scene.
-        folder: That functions are relative to.
+        functions: Files of the functions that measure, by what the study calls these.
+        programs: Which programs may run.
     """
 
     study: StudyDescription
     scene: Path
-    folder: Path
+    functions: Mapping[str, Path]
+    programs: ProgramRule
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,28 +80,32 @@ class Work:
         """
         acting = dict(zip(self.names, (float(each) for each in values), strict=True))
         overlay, arguments = filled(self.study.overlay, acting), filled(self.study.arguments, acting)
-        if self.scene.suffix == ".py":
-            return load_python(self.scene, overlay, arguments)
-        if arguments:
-            raise SceneError(f"study {self.study.name}: arguments are for Python scenes; use the overlay")
-        return load_yaml(self.scene, overlay)
+        with limited_to(self.programs):
+            if self.scene.suffix == ".py":
+                return load_python(self.scene, overlay, arguments)
+            if arguments:
+                raise SceneError(f"study {self.study.name}: arguments are for Python scenes; use the overlay")
+            return load_yaml(self.scene, overlay)
 
     def unchanged(self) -> RobotDescription:
         """The scene with nothing laid over it."""
-        return load_scene(self.scene)
+        with limited_to(self.programs):
+            return load_scene(self.scene)
 
     def function(self, wanted: QuantityDescription) -> Read | None:
         """The function that measures a quantity; None: it has none.
 
         Raises:
             SceneError: there is no such function.
+            ConfigError: it may not run.
         """
         if wanted.function is None:
             return None
-        file, _, name = wanted.function.partition(".py:")
-        path = self.folder / f"{file}.py"
+        path, name = self.functions[wanted.function], wanted.function.partition(".py:")[2]
+        with limited_to(self.programs):
+            program = allowed_program(path)
         try:
-            found = getattr(_module(str(path), path.read_bytes()), name, None)
+            found = getattr(_module(str(path), program.read_bytes()), name, None)
         except OSError as error:
             raise SceneError(f"quantity {wanted.name}: {path}: {error.strerror}") from error
         if not callable(found):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from servo_bridge.state_topics import StateTopics
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SoftSimError
-from softsim_core.inverse.path_files import find_path, is_known_path, known_paths, read_path
+from softsim_core.inverse.path_files import find_path, is_known_path, known_path, known_paths, read_path
 from softsim_core.inverse.paths import EffectorPath
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to, shortened
 from softsim_node.help import Program
@@ -162,7 +163,7 @@ class PathFollower(RobotNode):
         task = self._live.values.task
         if task != AUTO:
             return "" if task == LEAVE else task
-        is_plan = self._received is None and find_path(self._file).suffix == ".json"
+        is_plan = self._received is None and self._found(self._file).suffix == ".json"
         return "height_tilt" if is_plan else self._own_task
 
     def _begin_path(self, path: EffectorPath) -> None:
@@ -205,13 +206,13 @@ class PathFollower(RobotNode):
         if not self._file:
             raise CommandError("there is no path; set the parameter file, or send one on the topic path")
         start = self._rest
-        if self._live.values.start_from == "measured" and find_path(self._file).suffix == ".json":
+        if self._live.values.start_from == "measured" and self._found(self._file).suffix == ".json":
             if self._measured is None:
                 raise CommandError(
                     "no effector_pose was heard yet; start the simulator, or set start_from to rest"
                 )
             start = self._measured
-        return read_path(self._file, start)
+        return read_path(self._found(self._file), start)
 
     def _on_inverse(self, is_on: bool) -> None:
         """The inverse controller was seen to go on or off."""
@@ -250,14 +251,16 @@ class PathFollower(RobotNode):
         except SoftSimError as error:
             self._warn(str(error))
 
-    def _known(self, name: str) -> str:
-        """A path that may be asked for at run time: a known name, or the file of the start command.
+    def _found(self, name: str) -> Path:
+        """The file of a path that may be asked for at run time: of a known name, or of the start command.
 
         Raises:
             CommandError: it is another file.
         """
-        if name == self._start_file or is_known_path(name):
-            return name
+        if name == self._start_file:
+            return find_path(name)
+        if is_known_path(name):
+            return known_path(name)
         raise CommandError(
             f"file {shortened(name)!r} is refused: at run time it is a name in configs/paths, or that of "
             f"the start command; known paths: {names_up_to(MOST_NAMES, known_paths())}"
@@ -265,7 +268,7 @@ class PathFollower(RobotNode):
 
     def _check_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
         if "file" in names and settings.file:
-            read_path(self._known(settings.file), self._rest)
+            read_path(self._found(settings.file), self._rest)
 
     def _take_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
         if "file" in names:

@@ -102,7 +102,8 @@ class SceneBuilder:
         Raises:
             SoftSimError: it is not known, or cannot be loaded or built.
         """
-        return self.anew(SceneFiles(scenes.load(name)))
+        robot = scenes.load(name)
+        return self.anew(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
 
     def overridden(self, overrides: str, files: SceneFiles) -> NextScene:
         """The scene with other values laid over its files.

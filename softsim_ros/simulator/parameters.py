@@ -28,7 +28,7 @@ class SceneSettings(RobotSettings):
     )
     allow_code: str = parameter(
         "",
-        "Folders whose Python scenes may be loaded by name at run time, separated as in PATH; they run code",
+        "Folders whose scenes may be loaded by name at run time, separated as in PATH; they may run code",
         fixed=True,
     )
 

@@ -19,20 +19,22 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from softsim_core.arrays import Array
-from softsim_core.editing import Put, SceneDocument
+from softsim_core.editing import SceneDocument
 from softsim_core.editing.chosen import RestShapes, chosen_by
 from softsim_core.editing.parts import routed_points
 from softsim_core.editing.round_trip import rebased
 from softsim_core.errors import SceneError, SoftSimError
 from softsim_core.scene.body import Body
 from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.file_names import named_files
 from softsim_core.scene.portable import write_description
+from softsim_core.scene.programs import limited_to
 from softsim_core.scene.robot import RobotDescription
 from softsim_node.sentences import one_line, sentence_of
 from softsim_ros.messages.proposal import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
 from softsim_ros.qos import EVERY_ONE, LATCHED
 from softsim_ros.simulator.next_scene import NextScene, SceneBuilder, reason
-from softsim_ros.simulator.scene_files import SceneFiles, files_of, named_files
+from softsim_ros.simulator.scene_files import SceneFiles, files_of
 from softsim_ros.simulator.scene_writer import SceneWriter
 
 OFF = "nothing is edited yet; begin first (service simulator/edit/begin)"
@@ -139,7 +141,7 @@ class SceneEditing:
         text = rebased(document.text, document.file, known)
         file = self._writer.copy(document.robot.name, text)
         applied = self._is_applied(document)
-        self._document = SceneDocument(file, text)
+        self._document = self._made(file, text)
         self._runs = text if applied else self._runs
         return f"saved as {file}, which is edited from now on; start it with: softsim up {file}"
 
@@ -215,11 +217,16 @@ class SceneEditing:
         if source is None:
             raise SceneError("this scene came from no file, so there is none to edit")
         text = self._writer.read(source)
-        self._document, self._source = SceneDocument(source, text), source
+        self._document, self._source = self._made(source, text), source
         self._runs = self._running.files().text or text
         for description, body in self._running.bodies():
             self._shapes.take(description, body)
         return f"editing {source.name}"
+
+    def _made(self, file: Path, text: str) -> SceneDocument:
+        """A document whose programs, such as the xacro file of an arm, are those that run with the scene."""
+        with limited_to(self._running.files().programs):
+            return SceneDocument(file, text)
 
     def _follow(self) -> str:
         """Know what the files hold that were loaded anew; a proposal that changes nothing follows them."""
@@ -242,12 +249,7 @@ class SceneEditing:
         def change() -> str:
             document, files = self._open_document(), self._running.files()
             edits, stroke = read_edits(message.data)
-            for edit in edits:
-                if isinstance(edit, Put):
-                    files.check_names("edit", edit.value)
-            proposal = document.proposed(edits)
-            files.check_files("edit", proposal.robot)
-            document.take(proposal, stroke)
+            document.take(files.proposed(document, edits), stroke)
             return ""
 
         self._tell(self._done(change))

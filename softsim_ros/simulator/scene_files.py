@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
+import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from softsim_core import RobotDescription, load_scene
+from softsim_core.editing import Put, SceneDocument
+from softsim_core.editing.document import Proposal
+from softsim_core.editing.edits import Edit
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.scene.catalog import names_up_to
-from softsim_core.scene.overrides import read_overrides
+from softsim_core.scene.file_names import file_names, named_files
+from softsim_core.scene.overrides import Item, read_overrides
+from softsim_core.scene.programs import ANY_PROGRAM, ProgramRule, limited_to
 from softsim_core.scene.yaml_loader import load_yaml
 from softsim_core.scene.yaml_source import read_yaml, relative_to_file
 from softsim_core.values import MeshFile
@@ -20,25 +25,24 @@ from softsim_ros.simulator.spawning import Spawnings, exchanged
 
 Stamps = dict[Path, tuple[int, int] | None]
 
-FILE_KEYS = ("file", "extends")
-"""Keys of scenes that hold the name of a file."""
-
 
 class SceneFiles:
     """The source of a scene: its file, the files it extends or imports, its meshes, what is laid over them.
 
     Args:
-        scene: As loaded; one that came from no file can be neither watched nor loaded anew.
+        robot: As loaded; one that came from no file can be neither watched nor loaded anew.
+        programs: Which programs run when it is loaded anew, such as the xacro file of its arm.
 
     Attributes:
         scene: The scene that runs.
+        programs: As given.
         overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
         spawned: What was put beside it since; it stays when the files are loaded anew.
         text: What stands for the text of its file until the files are loaded anew; None: nothing does.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
-        self.scene, self.overrides = robot, ""
+    def __init__(self, robot: RobotDescription, programs: ProgramRule = ANY_PROGRAM) -> None:
+        self.scene, self.overrides, self.programs = robot, "", programs
         self.spawned: Spawnings = ()
         self.text: str | None = None
         self._name, self._source = robot.name, robot.source
@@ -59,7 +63,8 @@ class SceneFiles:
         for module in _modules_beside(self._source):
             sys.modules.pop(module, None)
         importlib.invalidate_caches()
-        scene = load_scene(self._source, read_overrides(self.overrides))
+        with limited_to(self.programs):
+            scene = load_scene(self._source, read_overrides(self.overrides))
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
         self._named_files |= named_files(scene)
@@ -70,18 +75,19 @@ class SceneFiles:
 
         Raises:
             SceneError: it came from no file.
-            ConfigError: as `load`; or the overrides name a file that the scene itself does not name.
+            ConfigError: as `load`; or the overrides hold an arm, or name a file that the scene does not name.
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
         values = read_overrides(overrides)
-        self.check_names("overrides", values)
-        if self.text is None:
-            scene = load_scene(self._source, values)
-        else:
-            scene = load_yaml(self._source, values, self.text)
+        self._check_names("overrides", values, Path.cwd())
+        with limited_to(self.programs):
+            if self.text is None:
+                scene = load_scene(self._source, values)
+            else:
+                scene = load_yaml(self._source, values, self.text)
         if overrides:
-            self.check_files("overrides", scene)
+            self._check_files("overrides", scene)
         return exchanged(scene, (), self.spawned)
 
     def try_text(self, text: str) -> RobotDescription:
@@ -93,17 +99,41 @@ class SceneFiles:
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file; it cannot be edited")
-        return exchanged(load_yaml(self._source, read_overrides(self.overrides), text), (), self.spawned)
+        with limited_to(self.programs):
+            scene = load_yaml(self._source, read_overrides(self.overrides), text)
+        return exchanged(scene, (), self.spawned)
 
-    def check_names(self, whose: str, values: Any) -> None:
-        """Refuse values of others that name other files than the scene does; nothing is looked for.
+    def proposed(self, document: SceneDocument, edits: Sequence[Edit]) -> Proposal:
+        """What edits of others would make of a document of the scene; it changes nothing.
 
         Raises:
-            ConfigError: they do; `whose` names them.
+            ConfigError: they fit nowhere, or name a file that the scene itself does not name.
         """
-        _refuse_others(whose, (name for name in file_names(values) if not self._names(name)))
+        for edit in edits:
+            if isinstance(edit, Put):
+                self._check_names("edit", _written_out(edit), document.file.parent)
+        with limited_to(self.programs):
+            proposal = document.proposed(edits)
+        self._check_files("edit", proposal.robot)
+        return proposal
 
-    def check_files(self, whose: str, scene: RobotDescription) -> None:
+    def _check_names(self, whose: str, values: Mapping[str, Any], folder: Path) -> None:
+        """Refuse values of others that name other files than the scene does; nothing is looked for.
+
+        Args:
+            whose: Names the values in a message.
+            values: As `load_scene` takes them.
+            folder: That relative paths in them are relative to.
+
+        Raises:
+            ConfigError: they name others, or hold an arm, which is made of files of its own.
+        """
+        if "arm" in values:
+            raise ConfigError(whose, "arm", "is made of files; change it in the scene's own file")
+        others = (name for name in file_names(values) if _plain_path(folder / name) not in self._named_files)
+        _refuse_others(whose, others)
+
+    def _check_files(self, whose: str, scene: RobotDescription) -> None:
         """Refuse a scene made with values of others that names other files.
 
         Raises:
@@ -118,11 +148,6 @@ class SceneFiles:
         self.scene, self.overrides, self.spawned, self.text = scene, overrides, spawned, text
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
-
-    def _names(self, name: str) -> bool:
-        """Whether the scene itself names a file so; nothing is looked for on the disk."""
-        end = f"/{name.removeprefix('./')}"
-        return any(str(file) == name or str(file).endswith(end) for file in self._named_files)
 
     def note_saved(self) -> None:
         """The text that runs was written into the file: there is nothing to load anew."""
@@ -146,18 +171,17 @@ def _refuse_others(whose: str, names: Iterable[str]) -> None:
         )
 
 
-def file_names(value: Any, key: str = "") -> Iterator[str]:
-    """Texts in overrides that name a file: by their key, or because they look like a path."""
-    if isinstance(value, Mapping):
-        for name, item in value.items():
-            yield from file_names(item, str(name))
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from file_names(item, key)
-    elif isinstance(value, str):
-        looks_like_one = value.startswith(("/", "~", ".")) or "/../" in value
-        if looks_like_one or key in FILE_KEYS:
-            yield value
+def _written_out(edit: Put) -> Mapping[str, Any]:
+    """The part of a file that holds what an edit puts there."""
+    data: Any = edit.value
+    for step in reversed(edit.steps):
+        data = [data] if isinstance(step, Item) else {step: data}
+    return data if isinstance(data, Mapping) else {}
+
+
+def _plain_path(path: Path) -> Path:
+    """A path without `..`, by its text alone."""
+    return Path(os.path.normpath(path))
 
 
 def files_of(robot: RobotDescription) -> list[Path]:
@@ -173,19 +197,6 @@ def files_of(robot: RobotDescription) -> list[Path]:
     for body in robot.scene.bodies:
         files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
     return list(dict.fromkeys(files))
-
-
-def named_files(value: Any) -> set[Path]:
-    """Every file that a description names: meshes, surfaces, and those of actuators."""
-    if isinstance(value, Path):
-        return {value}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = [getattr(value, each.name) for each in dataclasses.fields(value) if each.name != "source"]
-    elif isinstance(value, tuple | list):
-        parts = list(value)
-    else:
-        return set()
-    return {file for part in parts for file in named_files(part)}
 
 
 def stamps(files: list[Path]) -> Stamps:

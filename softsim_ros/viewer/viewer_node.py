@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from softsim_core.arrays import Array
 from softsim_core.errors import SoftSimError
-from softsim_core.scene import known_scenes, load_yaml
+from softsim_core.scene import SceneCatalog
 from softsim_core.scene.catalog import shortened
 from softsim_core.scene.portable import without_contents
 from softsim_core.scene.robot import RobotDescription
@@ -213,9 +213,10 @@ def robot_by_name(name: str) -> RobotDescription:
     Raises:
         ViewerError: the name cannot be a robot's.
     """
-    file = known_scenes().get(name)
+    scenes = SceneCatalog()
+    file = scenes.scenes().get(name)
     if file is not None and file.suffix != ".py":
-        return load_yaml(file)
+        return scenes.load(name)
     try:
         return without_contents(name)
     except SoftSimError as error:

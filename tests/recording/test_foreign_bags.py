@@ -168,7 +168,7 @@ def test_bags_that_are_compressed_as_a_whole_are_refused(tmp_path: Path, mode: s
 
 
 @pytest.mark.parametrize(
-    "name", ["program.py", "{folder}/program.py", "program", "~nobody/x", "a\x1b[31m" * 900]
+    "name", ["program.py", "{folder}/program.py", "program", "nice", "~nobody/x", "a\x1b[31m" * 900]
 )
 def test_a_bag_names_no_code(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -177,6 +177,9 @@ def test_a_bag_names_no_code(
     (tmp_path / "program.py").write_text(
         "from pathlib import Path\nPath(__file__).with_name('ran').touch()\ndef create_scene(scene): pass\n"
     )
+    (tmp_path / "nice.yaml").write_text("name: nice\nextends: tripod.yaml\narm: {urdf: parts.xacro}\n")
+    mark = f"${{open({str(tmp_path / 'ran')!r}, 'w').name}}"
+    (tmp_path / "parts.xacro").write_text(f'<robot name="r"><link name="{mark}"/></robot>')
     monkeypatch.chdir(tmp_path)
     notes = {"robot": name.format(folder=tmp_path), "namespace": "/tripod"}
     writer = BagWriter(tmp_path / "bag", notes)

@@ -77,7 +77,7 @@ def test_code_of_the_start_folder_runs_only_where_it_was_allowed(
 ) -> None:
     folder = tripod.process.folder  # where these simulators were started
     (folder / "found_here.py").write_text(CODE)
-    assert "is a Python scene, which runs code" in refused(tripod, robot="found_here")
+    assert "no known scene has this name" in refused(tripod, robot="found_here")
     assert not (folder / "found_here.ran").exists()
     assert lives()
 
@@ -183,8 +183,8 @@ def test_overrides_are_bounded_and_name_no_other_file(tripod: Any, tmp_path: Pat
     assert "name other files than the scene does" in there
     mesh.unlink()
     assert refused(tripod, overrides=text) == there  # nobody looked whether it is there
-    for wish in ("extends: /etc/hostname", "bodies: [{name: silicone, thing: ~root/x}]"):
-        assert "name other files than the scene does" in refused(tripod, overrides=wish)
+    assert "name other files than the scene does" in refused(tripod, overrides="extends: /etc/hostname")
+    assert "arm: is made of files" in refused(tripod, overrides="arm: {urdf: some.xacro}")
     assert lives()
 
 

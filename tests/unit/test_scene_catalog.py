@@ -39,25 +39,29 @@ def test_nothing_but_names_is_taken(start_folder: Path, name: str) -> None:
 
 
 def test_a_path_is_refused_even_where_the_scene_is_known(start_folder: Path) -> None:
-    catalog = SceneCatalog(start_folder=start_folder)
+    catalog = SceneCatalog({"mine": start_folder / "mine.yaml"}, start_folder=start_folder)
     assert catalog.load("mine").source == start_folder / "mine.yaml"
     for path in (start_folder / "mine.yaml", find_config("tripod")):
         with pytest.raises(ConfigError, match="no known scene has this name"):
             catalog.load(str(path))
 
 
-def test_the_scenes_of_the_suite_and_of_the_start_folder_are_known(start_folder: Path) -> None:
-    catalog = SceneCatalog(start_folder=start_folder)
+def test_the_scenes_of_the_suite_and_of_allowed_folders_are_known(
+    start_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    catalog = SceneCatalog(code_folders=[start_folder])
     assert catalog.find("tripod") == find_config("tripod")
-    assert {"tripod", "parts/servo", "mine"} <= set(catalog.names())
-    assert not {"program", "compose", "setup"} & set(catalog.names())
+    assert {"tripod", "parts/servo", "mine", "program"} <= set(catalog.names())
+    assert not {"compose", "setup"} & set(catalog.names())
     (start_folder / "tripod.yaml").write_text(YAML)
     assert catalog.find("tripod") == find_config("tripod")
+    monkeypatch.chdir(start_folder)
+    assert not {"mine", "program"} & set(SceneCatalog().names())
 
 
 def test_code_runs_only_where_it_was_allowed(start_folder: Path) -> None:
     program, ran = start_folder / "program.py", start_folder / "ran"
-    with pytest.raises(ConfigError, match=r"is a Python scene, which runs code; .* \(--allow-code DIR"):
+    with pytest.raises(ConfigError, match="no known scene has this name"):
         SceneCatalog(start_folder=start_folder).load("program")
     assert not ran.exists()
     for allowed in (
@@ -75,7 +79,7 @@ def test_python_scenes_of_a_config_path_are_known_but_do_not_run(
     (start_folder / "scenes").mkdir()
     (start_folder / "scenes" / "foreign.py").write_text(PYTHON)
     monkeypatch.setenv("SOFTSIM_CONFIG_PATH", str(start_folder))
-    with pytest.raises(ConfigError, match="is a Python scene"):
+    with pytest.raises(ConfigError, match=r"is a Python scene, which runs code; .* \(--allow-code DIR"):
         SceneCatalog(start_folder=start_folder.parent).load("foreign")
 
 

@@ -22,8 +22,9 @@ from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh.shapes import Shape
 from softsim_core.scene.arm.packages import package_folders
-from softsim_core.scene.arm.xacro_file import SUFFIX, expanded
+from softsim_core.scene.arm.xacro_file import expanded
 from softsim_core.scene.placed import Motion
+from softsim_core.scene.programs import XACRO
 from softsim_core.values import MeshFile, Placement
 from softsim_core.wrong_names import known_names
 
@@ -130,15 +131,16 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
 
 def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
     """The URDF of a file."""
-    if arguments and file.suffix != SUFFIX:
+    if arguments and file.suffix != XACRO:
         raise ConfigError(file, "", f"takes no arguments ({listing(arguments)}); only xacro files do")
     try:
-        with file.open("rb") as stream:
-            text = stream.read(MOST_BYTES + 1)
+        if file.suffix == XACRO:
+            text = expanded(file, arguments, MOST_BYTES)
+        else:
+            with file.open("rb") as stream:
+                text = stream.read(MOST_BYTES + 1)
     except OSError as error:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
-    if file.suffix == SUFFIX and len(text) <= MOST_BYTES:
-        text = expanded(file, arguments)
     if len(text) > MOST_BYTES:
         raise ConfigError(file, "", f"is longer than {MOST_BYTES} bytes; make it shorter")
     return text

@@ -11,24 +11,28 @@ from typing import Any
 from softsim_core.errors import ConfigError
 from softsim_core.extras import install_command
 from softsim_core.scene.arm.packages import package_folders
+from softsim_core.scene.programs import allowed_program
 
-SUFFIX = ".xacro"
 
-
-def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
+def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
     """The URDF of a xacro file.
 
-    Xacro computes what stands in `${...}` as Python does: such a file is a program, to be taken from people
-    whom one trusts. `$(find PACKAGE)` is the folder above the file that has this name, or the package's share
-    folder below AMENT_PREFIX_PATH.
+    Xacro computes what stands in `${...}` as Python does: such a file is a program, and runs only where
+    `scene.programs` allows it. `$(find PACKAGE)` is the folder above the file that has this name, or the
+    package's share folder below AMENT_PREFIX_PATH.
 
     Args:
         file: The file.
         arguments: Values of its arguments (`xacro:arg`), by name.
+        most_bytes: A longer file is refused.
 
     Raises:
-        ConfigError: xacro is not installed, or the file cannot be expanded.
+        ConfigError: it may not run, xacro is not installed, or the file is too long or cannot be expanded.
+        OSError: there is no such file.
     """
+    program = allowed_program(file)
+    if program.stat().st_size > most_bytes:
+        raise ConfigError(file, "", f"is longer than {most_bytes} bytes; make it shorter")
     try:
         xacro: Any = importlib.import_module("xacro")
         substitution: Any = importlib.import_module("xacro.substitution_args")
@@ -37,7 +41,7 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> bytes:
         raise ConfigError(file, "", f"{problem}ros-jazzy-xacro)") from error
     with _finding(substitution, file):
         try:
-            document = xacro.process_file(str(file.resolve()), mappings=dict(arguments), verbosity=0)
+            document = xacro.process_file(str(program), mappings=dict(arguments), verbosity=0)
             return bytes(document.toprettyxml(indent=" ", encoding="utf-8"))
         except Exception as error:  # the library's own kinds, and whatever an expression raises
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
