@@ -16,7 +16,7 @@ from time import perf_counter, sleep
 
 from softsim_core.actuation.cable import CableDescription
 from softsim_core.errors import SolverDivergedError
-from softsim_core.kernels import Compiler
+from softsim_core.kernels import Compiler, why_plain
 from softsim_core.kernels.compile_process import alone, compile_process
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
@@ -244,6 +244,10 @@ def main(words: Sequence[str] | None = None) -> int:
     compile_process.compile_here()
     if chosen.beside or chosen.contact:
         _end_with_parent(chosen.parent)
+        if why_plain() is None:
+            from softsim_core.kernels.cache import be_silent
+
+            be_silent()
     if chosen.beside and hasattr(os, "nice"):
         os.nice(_NICE)
     if chosen.contact:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 
 from softsim_core.errors import SoftSimError
+from softsim_core.locks import runtime_folder
 from softsim_node import discovery
 
 BOOTSTRAP_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
@@ -46,7 +46,7 @@ def set_defaults(environment: MutableMapping[str, str], prefix: Path) -> None:
     if "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
         logs = Path(environment.get("HOME", "/nonexistent")) / ".ros" / "log"
         if not _is_writable(logs):
-            environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / f"ros-log-{os.getuid()}")
+            environment["ROS_LOG_DIR"] = str(runtime_folder(environment) / "ros-log")
     if has_ros_wheels(prefix):  # the package index of the wheels lies in the environment itself
         prefixes = [part for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]
         if str(prefix) not in prefixes:

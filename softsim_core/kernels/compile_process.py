@@ -21,6 +21,7 @@ from subprocess import DEVNULL, PIPE, Popen
 from threading import Lock, Thread
 from typing import Any, BinaryIO, Final, NamedTuple
 
+from softsim_core.locks import open_lock
 from softsim_core.processes import python_command, start_process
 
 IDLE_S: Final = 10.0
@@ -101,7 +102,7 @@ def alone(file: Path) -> Iterator[None]:
     except ImportError:
         yield
         return
-    with file.open("w") as lock:
+    with open_lock(file) as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
@@ -138,6 +139,9 @@ def main() -> None:
     """Compile what the standard input wants until it ends, or wants nothing for a while; ends the process."""
     import signal
 
+    from softsim_core.kernels.cache import be_silent
+
+    be_silent()
     compile_process.compile_here()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")

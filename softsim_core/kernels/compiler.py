@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import stat
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
+
+from softsim_core.locks import runtime_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -40,6 +43,24 @@ def _numba() -> Any:
     return numba
 
 
+def _is_own(folder: Path) -> bool:
+    """Whether a folder belongs to this user, who may write into it as not everybody may."""
+    seen = folder.stat()
+    return seen.st_uid == os.geteuid() and not seen.st_mode & stat.S_IWOTH and os.access(folder, os.W_OK)
+
+
+def _folder_of_the_user() -> Path:
+    """Return the folder for caches of this user; where he has none, the one of his running programs."""
+    try:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
+        folder.mkdir(parents=True, exist_ok=True)
+        if _is_own(folder):
+            return folder
+    except (OSError, RuntimeError):  # a service without a home
+        pass
+    return runtime_folder()
+
+
 class OneSignature:
     """A kernel that is called with arguments of the same types every time: they are looked at once only.
 
@@ -66,7 +87,7 @@ class Compiler:
     """Compiles the kernels in the files of one folder; they stay plain Python for `why_plain`'s reasons.
 
     The cache lies in a folder named after all sources of the package: Numba misses a change in a kernel that
-    another one calls.
+    another one calls. It lies beside the sources; where those are not the user's own, in a folder that is.
 
     Args:
         folder: The package.
@@ -88,10 +109,10 @@ class Compiler:
         self._numba = _numba()
         if self._numba.config.CACHE_DIR:
             base = Path(self._numba.config.CACHE_DIR)
-        elif os.access(self._beside if self._beside.is_dir() else folder, os.W_OK):
+        elif _is_own(self._beside if self._beside.is_dir() else folder):
             base = self._beside
         else:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
+            base = _folder_of_the_user()
         self._cache = str(base / self.name)
 
     @property

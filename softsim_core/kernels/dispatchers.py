@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-from numba.core.caching import FunctionCache
 from numba.core.registry import CPUDispatcher, cpu_target
 
+from softsim_core.kernels.cache import KernelCache
 from softsim_core.kernels.compile_process import Wanted, compile_process
 
 
@@ -16,6 +16,10 @@ class Inside(CPUDispatcher):
     """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
 
     with_wrapper: Callable[[], Any]
+
+    def enable_caching(self) -> None:
+        """Numba's cache, in checked files."""
+        self._cache = KernelCache(self.py_func)
 
     @cached_property
     def for_python(self) -> Any:
@@ -31,11 +35,11 @@ class ForPython(CPUDispatcher):
     """A kernel that Python calls: what is missing in its cache is compiled by another process."""
 
     def enable_caching(self) -> None:
-        """Numba's cache, but for who compiles."""
+        """The same cache, but for who compiles."""
         self._cache = _CompiledElsewhere(self.py_func)
 
 
-class _CompiledElsewhere(FunctionCache):
+class _CompiledElsewhere(KernelCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._module, self._name = function.__module__, function.__name__

@@ -65,8 +65,9 @@ BRIDGE_MAY_USE = (
 """What servo_bridge uses of the core: errors, names, units, limits, commands, robots and their loader."""
 
 LAYERS = (
-    ("processes",),
-    ("errors", "extras", "file_writing", "kernels", "units"),
+    ("errors", "extras", "file_writing", "processes", "units"),
+    ("locks",),
+    ("kernels",),
     ("wrong_names",),
     ("arrays",),
     ("values", "registry"),

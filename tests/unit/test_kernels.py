@@ -14,47 +14,12 @@ from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
+from small_kernels import SOURCE, loaded
 
 from softsim_core.kernels.compile_process import IDLE_S, CompileProcess, Wanted, compile_process
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
-
-SOURCE = """
-from pathlib import Path
-
-from softsim_core.kernels import Compiler
-
-compiler = Compiler(Path(__file__).parent)
-kernel = compiler.kernel
-
-
-@kernel
-def twice(values):
-    for i in range(len(values)):
-        values[i] *= 2.0
-
-
-@kernel
-def first(values):
-    return values[0]
-
-
-@kernel
-def four_times(values):
-    twice(values)
-    twice(values)
-"""
-
-
-def loaded(folder: Path) -> ModuleType:
-    """The package in a folder, as a process loads it; others do not find it, and it is compiled here."""
-    spec = importlib.util.spec_from_file_location("kernels_here", folder / "kernels_here.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture

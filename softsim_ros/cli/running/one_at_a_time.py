@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from softsim_core.errors import SoftSimError
+from softsim_core.locks import open_lock, runtime_folder
 
 
 class AlreadyUpError(SoftSimError, RuntimeError):
@@ -18,9 +18,8 @@ class AlreadyUpError(SoftSimError, RuntimeError):
 
 def lock_file(namespace: str) -> Path:
     """The file that stands for a namespace in this process's ROS domain."""
-    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
     domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
-    return folder / f"softsim-{os.getuid()}-domain-{domain}-{namespace.replace('/', '.')}.lock"
+    return runtime_folder() / f"softsim-{os.getuid()}-domain-{domain}-{namespace.replace('/', '.')}.lock"
 
 
 @contextlib.contextmanager
@@ -29,14 +28,15 @@ def only_one(namespace: str) -> Iterator[None]:
 
     Raises:
         AlreadyUpError: another process holds it; carries its process id.
+        RuntimeFolderError: there is no private folder for the lock.
     """
     file = lock_file(namespace)
-    with file.open("a+") as lock:
+    with open_lock(file) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            lock.seek(0)
-            holder = lock.read().strip() or "unknown"
+            holder = lock.read(20).strip()
+            holder = holder if holder.isdecimal() else "unknown"
             raise AlreadyUpError(
                 f"/{namespace} is up already (process {holder}); end that one first, or start this one under "
                 f"another name: softsim up ROBOT --namespace {namespace}_2"
