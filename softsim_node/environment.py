@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import MutableMapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
-from softsim_core.errors import SoftSimError
+from softsim_core.errors import SoftSimError, listing
 from softsim_core.locks import runtime_folder
 from softsim_node import discovery
 
@@ -16,6 +17,51 @@ BOOTSTRAP_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 class MixedRosError(SoftSimError, RuntimeError):
     """A system ROS is active in a process whose ROS comes from pip wheels; the two cannot be mixed."""
+
+
+class RosVariableError(SoftSimError, ValueError):
+    """A variable of the environment has a value with which ROS cannot start."""
+
+
+HIGHEST_DOMAIN = 232
+"""The ports of higher ROS domains do not exist."""
+
+
+def ros_problems(environment: Mapping[str, str]) -> list[str]:
+    """Return why ROS could not start with these variables, a message each; rclpy would end the process.
+
+    Args:
+        environment: With AMENT_PREFIX_PATH, where installed middleware is looked up.
+    """
+    problems = []
+    domain = environment.get("ROS_DOMAIN_ID", "")
+    if domain and not (re.fullmatch("[0-9]{1,9}", domain) and int(domain) <= HIGHEST_DOMAIN):
+        problems.append(
+            f"ROS_DOMAIN_ID={domain[:40]!r} is refused; allowed: a whole number from 0 to {HIGHEST_DOMAIN}; "
+            "or unset it, which means 0"
+        )
+    wished = environment.get("RMW_IMPLEMENTATION", "")
+    prefixes = [Path(part) for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]
+    index = "share/ament_index/resource_index/rmw_typesupport"
+    names = {file.name for prefix in prefixes for file in prefix.glob(f"{index}/rmw_*")} - {
+        "rmw_implementation"
+    }
+    if wished and names and wished not in names:
+        problems.append(
+            f"RMW_IMPLEMENTATION={wished[:40]!r} is refused; installed here: {listing(sorted(names))}; "
+            "or unset it"
+        )
+    return problems
+
+
+def check_ros_variables() -> None:
+    """Call it before rclpy is imported, and after `prepare_environment`.
+
+    Raises:
+        RosVariableError: ROS could not start with the variables of this process.
+    """
+    if problems := ros_problems(os.environ):
+        raise RosVariableError("; ".join(problems))
 
 
 def has_ros_wheels(prefix: Path) -> bool:
@@ -41,11 +87,12 @@ def set_defaults(environment: MutableMapping[str, str], prefix: Path) -> None:
 
     Raises:
         DiscoveryError: the wish for a discovery range is not allowed.
+        RuntimeFolderError: ROS can write its logs nowhere else, and others may use that folder.
     """
     discovery.set_range(environment)
     if "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
-        logs = Path(environment.get("HOME", "/nonexistent")) / ".ros" / "log"
-        if not _is_writable(logs):
+        home = environment.get("HOME")
+        if not home or not _is_writable(Path(home) / ".ros" / "log"):  # a service has none
             environment["ROS_LOG_DIR"] = str(runtime_folder(environment) / "ros-log")
     if has_ros_wheels(prefix):  # the package index of the wheels lies in the environment itself
         prefixes = [part for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]

@@ -19,7 +19,7 @@ from softsim_core.errors import SoftSimError
 from softsim_core.processes import use_safe_path
 from softsim_node import discovery, security
 from softsim_node.ending import OUTLIVE, ending
-from softsim_node.environment import prepare_environment
+from softsim_node.environment import check_ros_variables, prepare_environment
 from softsim_node.help import Program
 from softsim_node.spinning import serve_callbacks
 
@@ -56,10 +56,12 @@ def start_ros(words: Sequence[str] = ()) -> None:
     Raises:
         MixedRosError: two installations of ROS would meet in this process.
         DiscoveryError: the wish for a discovery range is not allowed.
+        RosVariableError: a variable has a value with which ROS cannot start.
         RosStartError: wrong --ros-args, or keys that security wants are missing.
         SecurityError: security is wanted, and this installation of ROS has none.
     """
     prepare_environment()
+    check_ros_variables()
     try:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # classes of rclpy's extension, which end in the place in its source

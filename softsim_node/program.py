@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Sequence
 
+from softsim_core.errors import SoftSimError
 from softsim_core.processes import use_safe_path
 from softsim_node.ending import ending
+from softsim_node.environment import check_ros_variables, prepare_environment
 
 
 def run_module(module: str, args: Sequence[str] | None = None) -> int:
@@ -21,6 +24,12 @@ def run_module(module: str, args: Sequence[str] | None = None) -> int:
     """
     ending.watch()
     use_safe_path()
+    try:
+        prepare_environment()
+        check_ros_variables()
+    except SoftSimError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
     program = importlib.import_module(module)
     if ending.asked:
         ending.over()

@@ -6,7 +6,6 @@ The launch file of softsim_bringup asks `plan` and hands each node to launch_ros
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Final
 from softsim_core import RobotDescription, load_scene
 from softsim_core.errors import ConfigError
 from softsim_core.file_writing import write_file
+from softsim_core.locks import runtime_folder
 from softsim_core.wrong_names import one_of
 from softsim_node.frames import prefix_of
 from softsim_ros.description.controllers import CONTROLLER, controllers
@@ -123,9 +123,10 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
 
 
 def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> Path:
-    """The link to the port of a board that is a program: in the folder of this login, else in /tmp."""
-    folder = environment.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    return Path(folder) / f"softsim_{os.getuid()}_{namespace.strip('/').replace('/', '_')}_board"
+    """Return the link to the port of a board that is a program, in a folder of this user alone."""
+    return (
+        runtime_folder(environment) / f"softsim_{os.getuid()}_{namespace.strip('/').replace('/', '_')}_board"
+    )
 
 
 def _hardware(wishes: Wishes, robot: RobotDescription, namespace: str) -> list[PlannedNode]:

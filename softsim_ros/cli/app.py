@@ -11,7 +11,7 @@ from softsim_core import __version__
 from softsim_core.errors import SoftSimError
 from softsim_core.wrong_names import known_names, nearest
 from softsim_node.ending import ending
-from softsim_node.environment import prepare_environment
+from softsim_node.environment import check_ros_variables, prepare_environment
 from softsim_ros.cli.colours import Colours
 from softsim_ros.cli.command import Command
 from softsim_ros.cli.completion import ASKED, complete
@@ -19,11 +19,19 @@ from softsim_ros.cli.extras import what_is_missing
 from softsim_ros.cli.parser import Parser
 
 COMMANDS = {
-    "up": Command("running.up", "simulate a robot, bridge it to a board, drive it from this terminal"),
-    "run": Command("running.run", "run one ROS node by its name: softsim run NODE --ros-args ..."),
-    "topics": Command("graph.topics", "list the live topics, print their messages, measure their rate"),
-    "record": Command("recordings.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
-    "replay": Command("recordings.replay", "play a bag again, whole or only its commands"),
+    "up": Command(
+        "running.up", "simulate a robot, bridge it to a board, drive it from this terminal", uses_ros=True
+    ),
+    "run": Command(
+        "running.run", "run one ROS node by its name: softsim run NODE --ros-args ...", uses_ros=True
+    ),
+    "topics": Command(
+        "graph.topics", "list the live topics, print their messages, measure their rate", uses_ros=True
+    ),
+    "record": Command(
+        "recordings.record", "record a robot's topics into a bag (rosbag2, MCAP)", uses_ros=True
+    ),
+    "replay": Command("recordings.replay", "play a bag again, whole or only its commands", uses_ros=True),
     "export": Command("recordings.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
     "report": Command("recordings.report", "one web page about a bag: charts and the moving picture"),
     "scenes": Command("robots.scenes", "list the robots and scenes that are known by name"),
@@ -50,6 +58,7 @@ COMMANDS = {
     "excite": Command(
         "measurements.excite",
         "move a robot to measure it: a data set for validate and calibrate",
+        uses_ros=True,
     ),
     "validate": Command(
         "measurements.validate", "compare a model with measurements of the real robot, in mm"
@@ -63,7 +72,7 @@ COMMANDS = {
         "studies.optimise",
         "find the values of a study at which its objective is best (CMA-ES)",
     ),
-    "demo": Command("demos.demo", "show a robot at work: softsim demo grasp, pick_and_place"),
+    "demo": Command("demos.demo", "show a robot at work: softsim demo grasp, pick_and_place", uses_ros=True),
     "bench": Command("upkeep.bench", "measure the speed of a simulation step on this machine"),
     "test": Command("upkeep.suite", "run the test suite (--quick: under two minutes)", True),
     "completion": Command("completion", "have Tab complete in bash, zsh or fish"),
@@ -143,6 +152,8 @@ def _dispatch(words: Sequence[str]) -> int:
         return EXIT_USAGE
     command = COMMANDS[name]
     prepare_environment()
+    if command.uses_ros:
+        check_ros_variables()
     module = command.imported()
     own = Parser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
     module.configure(own)

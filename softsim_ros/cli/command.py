@@ -13,12 +13,14 @@ class Command(NamedTuple):
     Attributes:
         module: Name of the module in this package.
         help: One line for `softsim --help`.
+        uses_ros: It imports rclpy, which some variables of the environment would end.
         passes_on: Arguments it does not know are left to it in `arguments.rest`.
     """
 
     module: str
     help: str
     passes_on: bool = False
+    uses_ros: bool = False
 
     def imported(self) -> ModuleType:
         """Its module."""

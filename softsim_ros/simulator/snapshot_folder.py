@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import stat
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -28,10 +27,8 @@ _NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{LONGEST_NAME - 1}}}")
 
 def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """`softsim` under XDG_STATE_HOME, or under ~/.local/state where that is not set."""
-    state_home = environment.get("XDG_STATE_HOME") or str(
-        Path(environment.get("HOME", tempfile.gettempdir()), ".local", "state")
-    )
-    return Path(state_home) / "softsim"
+    home = environment.get("HOME") or os.path.expanduser("~")  # noqa: PTH111 (which may find none)
+    return Path(environment.get("XDG_STATE_HOME") or Path(home, ".local", "state")) / "softsim"
 
 
 def default_name(robot: RobotDescription, namespace: str) -> str:

@@ -122,3 +122,82 @@ def test_the_mark_of_another_environment_does_no_harm() -> None:
         check=False,
     )
     assert "rclpy (pip wheels) with rmw_" in done.stdout
+
+
+def installed(prefix: Path, *names: str) -> dict[str, str]:
+    """An environment of ROS with this middleware."""
+    folder = prefix / "share/ament_index/resource_index/rmw_typesupport"
+    folder.mkdir(parents=True)
+    for name in (*names, "rmw_implementation"):
+        (folder / name).touch()
+    return {"AMENT_PREFIX_PATH": str(prefix)}
+
+
+@pytest.mark.parametrize("domain", ["300", "233", "-1", "x", "1e2", " 7", "\u0663", "9" * 40])
+def test_a_domain_that_does_not_exist_is_one_message(domain: str) -> None:
+    (told,) = environment.ros_problems({"ROS_DOMAIN_ID": domain})
+    assert "from 0 to 232" in told
+
+
+@pytest.mark.parametrize("domain", ["", "0", "7", "101", "232"])
+def test_domains_that_exist_are_allowed(domain: str) -> None:
+    assert environment.ros_problems({"ROS_DOMAIN_ID": domain}) == []
+
+
+def test_middleware_that_is_not_installed_is_one_message(tmp_path: Path) -> None:
+    variables = installed(tmp_path, "rmw_fastrtps_cpp")
+    (told,) = environment.ros_problems({**variables, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"})
+    assert "'rmw_cyclonedds_cpp' is refused; installed here: rmw_fastrtps_cpp; or unset it" in told
+    assert environment.ros_problems({**variables, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}) == []
+    assert environment.ros_problems({"RMW_IMPLEMENTATION": "rmw_anything"}) == []  # nothing to compare with
+
+
+@pytest.mark.parametrize("home", [None, "", "/proc/nobody"])
+def test_a_service_without_a_home_writes_its_logs_into_a_private_folder(
+    tmp_path: Path, home: str | None
+) -> None:
+    variables = {"XDG_RUNTIME_DIR": str(tmp_path)} | ({} if home is None else {"HOME": home})
+    environment.set_defaults(variables, tmp_path)
+    assert variables["ROS_LOG_DIR"] == str(tmp_path / "ros-log")
+
+
+WRONG = {"RMW_IMPLEMENTATION": "rmw_other_cpp", "ROS_DOMAIN_ID": "300"}
+
+
+def softsim(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "softsim_ros.cli", *words],
+        env={**os.environ, **variables},
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.parametrize("variable", WRONG)
+@pytest.mark.parametrize("words", [("topics",), ("run", "simulator"), ("doctor",), ("scenes",)])
+def test_a_variable_that_ends_ros_is_one_message(words: tuple[str, ...], variable: str) -> None:
+    pytest.importorskip("rclpy")
+    done = softsim(*words, **{variable: WRONG[variable]})
+    if words == ("scenes",):
+        assert (done.returncode, done.stderr) == (0, "")  # it needs no ROS
+        return
+    said = done.stdout + done.stderr
+    assert done.returncode == 1, said
+    assert said.count(f"{variable}='{WRONG[variable]}' is refused; ") == 1
+    assert words == ("doctor",) or len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_ros_starts_without_a_home(ros_domain: int) -> None:
+    code = "import softsim_node.process as process\nwith process.ros_process(): print('up')"
+    without = {name: value for name, value in os.environ.items() if name not in ("HOME", "ROS_LOG_DIR")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=without, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.stdout, done.stderr) == ("up\n", "")

@@ -209,7 +209,7 @@ def damaged_runs(folder: Path, count: int, draw: random.Random, files: list[Path
 @pytest.mark.slow
 def test_a_robot_with_damaged_kernels_moves_by_the_same_bytes(tmp_path: Path) -> None:
     files = copied_cache(tmp_path)
-    damaged_runs(tmp_path, 4, random.Random(1), files[: len(files) // 4])
+    damaged_runs(tmp_path, 2, random.Random(1), files[: len(files) // 4])
 
 
 @pytest.mark.exhaustive

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from softsim_node import discovery
-from softsim_node.environment import has_ros_wheels, system_ros
+from softsim_node.environment import has_ros_wheels, ros_problems, system_ros
 from softsim_ros.cli.upkeep.checks.finding import Finding, Level
 from softsim_ros.optional_messages import OPTIONAL
 
@@ -26,6 +26,9 @@ def client() -> list[Finding]:
     if importlib.util.find_spec("rclpy") is None:
         advice = "start with ./softsim, which installs it (x86-64 Linux), or source /opt/ros/jazzy/setup.bash"
         return [Finding(Level.PROBLEM, "ROS 2", "rclpy is not installed", advice)]
+    if problems := ros_problems(os.environ):
+        advice = "change the variable in this terminal; the commands that need ROS refuse to start"
+        return [Finding(Level.PROBLEM, "ROS 2", each, advice) for each in problems]
     try:
         import rclpy
         from rclpy.utilities import get_rmw_implementation_identifier
