@@ -8,10 +8,14 @@ import importlib
 import logging
 import os
 import queue
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
+from time import monotonic
 from typing import Any, Protocol, TypeAlias
 
 from softsim_core.errors import SoftSimError, StudyError
@@ -117,6 +121,8 @@ class Engine:
 
     def __init__(self, client: Any, where: Where) -> None:
         self._client, self._where = client, where
+        self._most = AHEAD
+        self._counted: float | None = None
 
     def run(
         self, work: Work, tasks: Iterable[Task], recorded: Mapping[int, Recorder]
@@ -128,22 +134,27 @@ class Engine:
         """
         suspects: list[Task] = []
         batches = _batches(tasks, self._where.batch)
-        yield from self._pass(work, batches, recorded, AHEAD * self._threads(), suspects)
+        yield from self._pass(work, batches, recorded, self._room, suspects)
         alone, guilty = [[each] for each in suspects], list[Task]()
-        yield from self._pass(work, iter(alone), recorded, 1, guilty)
+        yield from self._pass(work, iter(alone), recorded, lambda: 1, guilty)
         for number, values in guilty:
             yield number, values, Outcome(RAISED, KILLED, {})
 
-    def _threads(self) -> int:
-        workers = self._client.scheduler_info(-1)["workers"].values()
-        return max(1, sum(int(each["nthreads"]) for each in workers))
+    def _room(self) -> int:
+        """Tasks that the workers of now may have; they are counted anew every LOOK_S, as some may join."""
+        if self._counted is None or monotonic() - self._counted >= LOOK_S:
+            with contextlib.suppress(OSError, TimeoutError):  # it goes away, which `_next` finds
+                workers = self._client.scheduler_info(-1)["workers"].values()
+                self._most = AHEAD * max(1, sum(int(each["nthreads"]) for each in workers))
+            self._counted = monotonic()
+        return self._most
 
     def _pass(
         self,
         work: Work,
         waiting: Iterator[list[Task]],
         recorded: Mapping[int, Recorder],
-        most: int,
+        most: Callable[[], int],
         suspects: list[Task],
     ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
         """Run batches, at most so many at a time; runs whose workers were killed go to `suspects`.
@@ -154,21 +165,22 @@ class Engine:
         under_way: dict[Any, list[Task]] = {}
         known = versions()
 
-        def start() -> None:
-            if (batch := next(waiting, None)) is not None:
+        def fill() -> None:
+            while len(under_way) < most() and (batch := next(waiting, None)) is not None:
                 chosen = {number: recorded[number] for number, _ in batch if number in recorded}
                 future = self._client.submit(run_batch, work, known, batch, chosen, pure=False)
                 under_way[future] = batch
                 future.add_done_callback(ended.put)
 
         try:
-            for _ in range(most):
-                start()
+            fill()
             while under_way:
-                future = self._next(ended)
+                if (future := self._next(ended)) is None:
+                    fill()
+                    continue
                 batch = under_way.pop(future)
                 outcomes = self._outcomes(future)
-                start()
+                fill()
                 if outcomes is None:
                     suspects += batch
                     continue
@@ -180,13 +192,13 @@ class Engine:
                 self._client.cancel(list(under_way), force=True)
 
     def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
-        while True:
-            if self._client.status != "running":
-                raise self._gone()
-            try:
-                return ended.get(timeout=LOOK_S)
-            except queue.Empty:
-                continue
+        """A task that has ended; None: none did in LOOK_S."""
+        if self._client.status != "running":
+            raise self._gone()
+        try:
+            return ended.get(timeout=LOOK_S)
+        except queue.Empty:
+            return None
 
     def _outcomes(self, future: Any) -> list[tuple[int, Outcome]] | None:
         """What a task gave; None: its workers were killed."""
@@ -254,35 +266,48 @@ def engine(where: Where) -> Iterator[Engine]:
             return
         os.environ.update(environment)  # a worker is a fresh process that takes them over
         use_safe_path()
-        with (
-            distributed.LocalCluster(
-                n_workers=where.workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0,
-                protocol="tls://",  # others on this machine cannot have the workers run their code
-                security=distributed.Security.temporary(),
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster, set_as_default=False) as client,
-        ):
-            client.register_plugin(_quiet_worker(distributed), name="interrupts")
+        with contextlib.ExitStack() as stack:
+            with _interrupts_wait():
+                cluster = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=where.workers,
+                        threads_per_worker=1,
+                        processes=True,
+                        memory_limit=0,
+                        protocol="tls://",  # others on this machine cannot have the workers run their code
+                        security=distributed.Security.temporary(),
+                        host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0",
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+                client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
             where.told(f"{where.workers} worker processes; dashboard: {cluster.dashboard_link}")
             yield Engine(client, where)
 
 
-def _quiet_worker(distributed: Any) -> Any:
-    """Ctrl-C in a terminal reaches its workers, too: they leave it to the client, which ends them."""
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block, and never reach the processes that are started in it.
 
-    class Quiet(distributed.WorkerPlugin):  # type: ignore[misc]
-        def setup(self, worker: Any) -> None:
-            import signal
-
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return Quiet()
+    A terminal interrupts its workers, too, which would tell of it at length wherever they were; they inherit
+    from the thread that starts them that it is blocked, and the client ends them. Dask cannot be interrupted
+    while it starts.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    came: list[int] = []
+    resource_tracker.ensure_running()  # the first process would start it, and let interrupts pass again
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
@@ -298,11 +323,18 @@ def _reached(distributed: Any, where: Where) -> Iterator[Any]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(where.scheduler, timeout="10s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, TimeoutError) as error:
         raise StudyError(
             f"no Dask scheduler answers at {where.scheduler}; start one (dask scheduler), or leave out "
             "--scheduler"
         ) from error
+    except Exception as error:  # each transport has its own for an address that it cannot use
+        if str(where.scheduler).startswith(("tls://", "wss://")):
+            hint = "name its certificates in Dask's configuration (distributed.comm.tls)"
+        else:
+            hint = "give one such as tcp://192.168.0.2:8786"
+        said = " ".join(str(error).split())
+        raise StudyError(f"the scheduler {where.scheduler} cannot be used ({said}); {hint}") from error
     try:
         try:
             client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)

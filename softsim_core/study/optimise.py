@@ -1,5 +1,8 @@
 """The values of a study's variables at which its objective is best, by CMA-ES, on the engine of sweeps.
 
+One run of each generation is the minimum of a quadratic function that is fitted to the best runs so far:
+smooth objectives are found in few generations, and the strategy goes its way where none fits.
+
 The strategy is not kept anywhere: its state follows from the seed and from what runs gave, and these lie in
 the store. A start that goes on has it draw the same generations again, and hands it what is known.
 """
@@ -23,6 +26,7 @@ from softsim_core.extras import install_command
 from softsim_core.identification.expressions import evaluated, names_in
 from softsim_core.study.engine import Engine, Task, engine
 from softsim_core.study.preparing import PreparedStudy
+from softsim_core.study.quadratic import quadratic_minimum
 from softsim_core.study.single import DONE, RAISED, Outcome
 from softsim_core.study.store import Column, Plan, Store
 from softsim_core.study.sweep import StudySummary, SweepOptions, summary_of
@@ -109,7 +113,9 @@ class _Search:
             "randn": lambda *shape: generator.standard_normal(shape),
             "seed": math.nan,  # the generator's alone; NumPy's global one stays as it is
             "verbose": -9,
-            "tolfun": 1e-9,
+            "tolfun": 0.0,  # absolute ones end at once where all objectives are small
+            "tolfunhist": 0.0,
+            "tolfunrel": 1e-9,
             "tolx": 1e-4,
         }
         with contextlib.redirect_stdout(io.StringIO()):
@@ -117,6 +123,7 @@ class _Search:
                 size * [0.5], study.objective.spread, settings
             )
         self._drawn: list[Array] = []
+        self._points, self._costs = np.empty((0, size)), np.empty(0)
 
     def plan(self) -> Plan:
         """Of the store: a generation is a block."""
@@ -136,6 +143,9 @@ class _Search:
 
     def drawn(self) -> list[tuple[float, ...]]:
         """Values of the next generation's variables."""
+        minimum = quadratic_minimum(self._points, self._costs)
+        if minimum is not None:
+            self._strategy.inject([minimum], force=True)
         self._drawn = self._strategy.ask()
         return [
             tuple(each.between(float(share)) for each, share in zip(self.study.variables, row, strict=True))
@@ -156,8 +166,11 @@ class _Search:
     def learn(self, objectives: Array) -> None:
         """Take in what the generation gave; runs that failed count as worse than the worst."""
         costs = self.objective.sign * objectives
-        known = costs[np.isfinite(costs)]
-        worst = float(known.max() + np.ptp(known) + 1e-9) if len(known) else 1.0
+        good = np.isfinite(costs)
+        known = costs[good]
+        self._points = np.vstack([self._points, np.asarray(self._drawn)[good]])
+        self._costs = np.append(self._costs, known)
+        worst = float(known.max() + (np.ptp(known) or abs(known.max()) or 1.0)) if len(known) else 1.0
         self._strategy.tell(self._drawn, np.where(np.isfinite(costs), costs, worst).tolist())
 
     def reason(self) -> str:

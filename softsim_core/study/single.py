@@ -9,6 +9,7 @@ import importlib.util
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,20 +129,46 @@ Watch = Callable[[Simulation], None]
 """Told after each step."""
 
 
+ENDING_S = 1.0
+"""So long is waited for a run that used up its time to end, before it is left behind."""
+
+
 def run_once(work: Work, values: Sequence[float] | Array, watch: Watch | None = None) -> Outcome:
-    """One run with values (p,) of the variables; whatever goes wrong is told in the outcome."""
+    """One run with values (p,) of the variables; whatever goes wrong is told in the outcome.
+
+    The run has a thread of its own. When its time is over, _LateError is raised there between two lines of
+    Python; one that sleeps, or calculates in compiled code, is left behind and ends when it wakes.
+    """
+    ended: list[Outcome] = []
+    run = threading.Thread(
+        target=lambda: ended.append(_attempt(work, values, watch)), name="run of a study", daemon=True
+    )
+    run.start()
+    run.join(min(work.study.time_limit, threading.TIMEOUT_MAX))
+    if run.is_alive():
+        assert run.ident is not None
+        thread, error = ctypes.c_ulong(run.ident), ctypes.py_object(_LateError)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, error)
+        run.join(ENDING_S)
+    return ended[0] if ended else _late(work)
+
+
+def _late(work: Work) -> Outcome:
+    return Outcome(LATE, f"exceeded its time limit of {work.study.time_limit:g} s", {})
+
+
+def _attempt(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> Outcome:
     try:
-        with _within(work.study.time_limit):
-            return Outcome(DONE, "", _measured(work, values, watch))
-    except _LateError:
-        return Outcome(LATE, f"exceeded its time limit of {work.study.time_limit:g} s", {})
+        return Outcome(DONE, "", _measured(work, values, watch))
     except SolverDivergedError as error:
         return Outcome(DIVERGED, _told(error), {})
-    except Exception as error:
+    except _LateError:
+        return _late(work)
+    except BaseException as error:  # a function of the study may leave by sys.exit
         return Outcome(RAISED, _told(error), {})
 
 
-def _told(error: Exception) -> str:
+def _told(error: BaseException) -> str:
     words = str(error) or "no message"
     text = words if isinstance(error, SoftSimError) else f"{type(error).__name__}: {words}"
     return " ".join(text.split())[:LONGEST_ERROR]
@@ -249,31 +276,5 @@ class _Kept:
         return self._values[0] / self._count if self.wanted.at == "mean" else self._values[0]
 
 
-class _LateError(BaseException):
-    """Raised in a run that has used up its time."""
-
-
-@contextmanager
-def _within(seconds: float) -> Iterator[None]:
-    """Raise _LateError in this thread when so much wall time has passed, between two lines of Python.
-
-    Runs do not have a main thread to themselves, hence no signal.
-    """
-    thread, lock = ctypes.c_ulong(threading.get_ident()), threading.Lock()
-    over = False
-
-    def give_up() -> None:
-        with lock:
-            if not over:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, ctypes.py_object(_LateError))
-
-    timer = threading.Timer(seconds, give_up)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        with lock:
-            over = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, None)  # one that came too late
-        timer.cancel()
+class _LateError(SystemExit):
+    """Raised in a run that has used up its time; a thread that it ends says nothing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,39 @@ def test_it_finds_the_bottom_and_draws_the_same_again(tmp_path: Path) -> None:
     assert (every >= [0.0, 1.0]).all()
     assert (every <= [1.0, 100.0]).all()
     assert np.random.get_state()[1].tolist() == before  # noqa: NPY002
+
+
+def best_of(found: _Search, runs: int, objective: Callable[[float, float], float]) -> float:
+    """The least of an objective in so many runs."""
+    costs: list[float] = []
+    while len(costs) < runs and not found.reason():
+        told = [objective(a, b) for a, b in found.drawn()]
+        found.learn(np.array(told))
+        costs += told
+    return min(costs)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("scale", [1e-12, 1e-9, 1.0, 1e9])
+def test_a_bowl_of_two_parameters_is_found_in_72_runs_at_any_scale(
+    tmp_path: Path, seed: int, scale: float
+) -> None:
+    def steep(a: float, b: float) -> float:  # narrow in one direction, round in the other
+        return scale * (8.0 + 1e4 * (a - 0.3) ** 2 + (10.0 * (b / 100.0 - 0.6)) ** 2)
+
+    variables = [VARIABLES[0], {"name": "b", "lower": 0.0, "upper": 100.0}]
+    found = search(tmp_path, variables=variables, objective={**BOWL["objective"], "seed": seed})
+    assert best_of(found, 72, steep) == pytest.approx(8.0 * scale, rel=1e-3)
+
+
+def test_a_generation_of_failed_runs_hides_no_small_objective(tmp_path: Path) -> None:
+    found = search(tmp_path)
+    for _ in range(30):
+        drawn = found.drawn()
+        costs = np.array([1e-12 * ((a - 0.3) ** 2 + (b / 50.0 - 0.5) ** 2) for a, b in drawn])
+        costs[0] = np.nan
+        found.learn(costs)
+    assert np.array(drawn)[:, 0] == pytest.approx(np.full(len(drawn), 0.3), abs=0.02)
 
 
 def test_the_most_is_the_least_of_the_opposite(tmp_path: Path) -> None:

@@ -111,6 +111,38 @@ def test_a_run_that_goes_wrong_says_how(tmp_path: Path, case: float, status: int
     assert bool(outcome.results) == (status == DONE)
 
 
+SLEEPS = """
+import time
+from pathlib import Path
+
+def asleep(simulation):
+    try:
+        time.sleep(20.0)
+    finally:
+        Path(__file__).with_name("woken").touch()
+
+def leaves(simulation):
+    raise SystemExit("enough")
+"""
+
+
+def test_a_run_that_sleeps_is_left_at_its_time_limit(tmp_path: Path) -> None:
+    measure = [{"name": "told", "of": "python", "function": "sleeps.py:asleep"}]
+    (tmp_path / "sleeps.py").write_text(SLEEPS)
+    work = prepare_study(written(tmp_path, measure=measure, time_limit=0.2), [tmp_path]).work
+    Simulation(work.unchanged()).step()
+    outcome = run_once(work, [0.5])
+    assert (outcome.status, outcome.error) == (LATE, "exceeded its time limit of 0.2 s")
+    assert not (tmp_path / "woken").exists()
+
+
+def test_a_function_that_leaves_the_process_is_a_run_that_raised(tmp_path: Path) -> None:
+    measure = [{"name": "told", "of": "python", "function": "sleeps.py:leaves"}]
+    (tmp_path / "sleeps.py").write_text(SLEEPS)
+    outcome = run_once(prepare_study(written(tmp_path, measure=measure), [tmp_path]).work, [0.5])
+    assert (outcome.status, outcome.error) == (RAISED, "SystemExit: enough")
+
+
 @pytest.mark.parametrize(
     ("of", "told"),
     [
