@@ -14,13 +14,16 @@ what cells keep between linear solves go through it as through any step. Contact
 Each has about the square of the error of the one before, in [m] per size of the body; with damping per
 stiffness, whose K follows x without a derivative, a share of it that grows with r_K / h.
 
+In all of these r_K K takes the way x^+ - x less the turning of the body as a whole, see free_turning: a
+turning is no strain. Only steps of one iteration damp K v^+ as it is, as the reference simulator does.
+
 What is stiff along itself and bends easily, as layers, fibres and rods, has the damping force
 
 .. math:: \frac{r_K}{h} \bigl(f(x^+) - f(x)\bigr)
 
-instead, to first order the same. K v would take a turning by the angle a within the step for a strain of
-a^2 / 2, which outweighs all bending; and here K has the derivative of all. What the law of rods damps takes
-the change of the strains from x to x^+ in the same way.
+instead, to first order the same, with x turned as the body. K v would take a turning of a part by the angle
+a within the step for a strain of a^2 / 2, which outweighs all bending; and here K has the derivative of all.
+What the law of rods damps takes the change of the strains from x to x^+ in the same way.
 """
 
 from __future__ import annotations
@@ -98,6 +101,7 @@ class IteratedStepper(StepperAround):
         self._begin(state)
         report = self.inner.step(state, control, parameters)
         report.estimate = partial(self._move_after, self.begun, state, control, parameters)
+        report.dilate = partial(self.dilation, self.begun, state, parameters)
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> IteratedFreeMotion:
@@ -132,6 +136,13 @@ class IteratedStepper(StepperAround):
             complete(further)
         return farthest(start, trial.positions)
 
+    def dilation(self, begun: int, state: State, parameters: Parameters) -> float:
+        """See StepReport: after the first iteration of the step `begun`, which led to a state."""
+        if begun != self.begun:
+            return math.nan
+        strain = self._turning.dilation(self.before.positions, state.positions)
+        return strain * (1.0 + parameters.rayleigh_stiffness / self.model.dt)
+
     def _move_after(self, begun: int, state: State, control: Control, parameters: Parameters) -> float:
         """The same after a step that was no more than one iteration."""
         if begun != self.begun:
@@ -149,8 +160,7 @@ class IteratedStepper(StepperAround):
         gained = (1.0 + h * parameters.rayleigh_mass) * rates - before.velocities
         forces = control.forces - model.momentum(gained) / h
         if damping > 0.0:
-            carried = rates
-            straining = self._turning.straining(reached.positions, rates)
+            straining = carried = self._strain_rates(reached)
             for group in model.groups:  # the mean volume is not damped
                 p = group.values(parameters.materials)
                 answer = mean_volume_answer(group, reached.positions, p, straining)
@@ -170,13 +180,25 @@ class IteratedStepper(StepperAround):
         control = replace(control, targets=targets, forces=forces, carried=carried)
         return self.inner.free_motion(start, control, parameters)
 
+    def _strain_rates(self, reached: State) -> Array:
+        """Velocities (n, 3) in [m/s] over the step, less the motion of bodies as a whole."""
+        begun = self.before.positions
+        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are re-placed, not moved
+            trial = self._trial
+            trial.copy_from(self.before)
+            trial.base_shift[:] = reached.base_shift
+            self.model.place_regions(trial)
+            begun = trial.positions
+        turned = self._turning.turned(begun, reached.positions)
+        return np.asarray((reached.positions - turned) / self.model.dt)
+
     def _strained(self, parameters: Parameters, straining: Array) -> Array:
         """(f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
 
-        K v is what the step takes off; of free bodies, f(x) turns with them.
+        K v is what the step takes off; f(x) turns with the bodies.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
-        begun = self._turning.turned(self.before.positions, at)
+        begun = at - self.model.dt * straining
         for group in self.model.groups:
             if isinstance(group.material, StrainMaterial):
                 p = group.values(parameters.materials)
@@ -309,6 +331,7 @@ class IteratedFreeMotion:
 
     def _told(self, report: StepReport) -> StepReport:
         if self.count == 1:
+            report.dilate = partial(self._stepper.dilation, self.begun, self.state, self._parameters)
             return report
         return replace(
             report,

@@ -99,6 +99,11 @@ def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport
     )
 
 
+def undilated() -> float:
+    """The dilation of a step that takes no turning for a strain."""
+    return 0.0
+
+
 def unknown() -> float:
     """The error of a step that nobody can tell, in [m]."""
     return math.nan
@@ -122,6 +127,7 @@ class StepReport:
             that the last linear solve found. Scenes that always step so have none.
         measure: Measures what touched, where everything was at the end of the step.
         estimate: Finds `linearisation_error`.
+        dilate: Finds `dilation`.
     """
 
     top_speed: float = 0.0
@@ -134,6 +140,7 @@ class StepReport:
     fallback: int = 0
     measure: Callable[[], ContactReport] = nothing
     estimate: Callable[[], float] = unknown
+    dilate: Callable[[], float] = undilated
 
     @cached_property
     def contacts(self) -> ContactReport:
@@ -150,3 +157,14 @@ class StepReport:
         is that of the last part. NaN: nobody knows, or another step has begun.
         """
         return self.estimate()
+
+    @cached_property
+    def dilation(self) -> float:
+        """Strain by which the step stretches a turning body only because it is linearised once.
+
+        About omega^2 dt (dt + rayleigh_stiffness) / 2 for a body that turns at omega [rad/s], the largest of
+        all: of bodies that something holds, or whose law has no potential. 0 for others, and in steps of two
+        iterations or more; see dynamics.free_turning. As `linearisation_error` it is found when it is first
+        asked for, and is that of the last part of a step that was cut.
+        """
+        return self.dilate()

@@ -17,6 +17,7 @@ from small_scenes import body, comes_back_bit_for_bit, machine, scene, shaken, s
 from softsim_core import Simulation, load_scene
 from softsim_core.arrays import Array
 from softsim_core.dynamics.backends import make_stepper
+from softsim_core.dynamics.free_turning import FreeTurning
 from softsim_core.errors import SceneError
 from softsim_core.fem.assembly import elastic_forces, stiffness_matrix
 from softsim_core.mechanics.control import Control
@@ -86,9 +87,11 @@ def end_of_nonlinear_step(simulation: Simulation, load: float) -> Array:
             stiffness = stiffness_matrix(
                 solids, places, parameters.materials, positive=not exact, mean_share=0.0
             )
-            pulled -= parameters.rayleigh_stiffness * (stiffness @ rates.ravel()).reshape(-1, 3)
+            begun = FreeTurning(model).turned(model.rest, places)  # turning is no strain
+            strained = (places - begun).ravel() / h
+            pulled -= parameters.rayleigh_stiffness * (stiffness @ strained).reshape(-1, 3)
             change = elastic_forces(thin, places, parameters.materials)
-            change -= elastic_forces(thin, model.rest, parameters.materials)
+            change -= elastic_forces(thin, begun, parameters.materials)
             pulled += parameters.rayleigh_stiffness / h * change
         pulled -= parameters.rayleigh_mass * model.momentum(rates)
         return np.asarray((model.momentum(rates - start) / h - pulled)[free].ravel())
@@ -257,7 +260,7 @@ def test_contacts_hold_in_each_iteration(backend: str) -> None:
         told = max(told, once.report.linearisation_error)
         worst = max(worst, many.report.linearisation_error)
     assert many.report.iterations > 1
-    assert worst < 1e-6 < 4e-6 < told
+    assert worst < 2.5e-6 < 4e-6 < told  # the worst: the step that strikes, whose fourth iteration strays
     assert comes_back_bit_for_bit(many)
     for _ in range(60 if many.compiled else 0):
         many.step()
