@@ -1,7 +1,7 @@
 """Environments for training policies, by Gymnasium's interface; importing the package registers them.
 
-`gymnasium.make("softsim/TripodReach-v0")` finds them without an import where the suite is installed. Without
-Gymnasium there is nobody to know them; distributions of scenes are read all the same.
+`gymnasium.make("softsim_core.learning:softsim/TripodReach-v0")` imports it by itself. Without Gymnasium
+there is nobody to know them; distributions of scenes are read all the same.
 """
 
 from __future__ import annotations

@@ -33,13 +33,16 @@ def _episodes(
     randomise: str | PathLike[str] | None,
     devices: Mapping[str, float] | None,
     full_state: bool,
+    horizon: int | None,
 ) -> Episodes:
     if name not in TASKS:
         raise SceneError(f"unknown task {name!r}; known: {listing(TASKS)}")
     task = TASKS[name]
     chosen: Devices | None = None if devices is None else task.devices.changed(devices)
     drawn = None if randomise is None else load_randomisation(str(randomise))
-    return Episodes(task, copies, workers, chosen, drawn, full_state)
+    if horizon is not None and horizon < 1:
+        raise SceneError(f"max_episode_steps {horizon}: give 1 or more")
+    return Episodes(task, copies, workers, chosen, drawn, full_state, horizon)
 
 
 def _spaces(episodes: Episodes) -> tuple[Any, Any]:
@@ -51,10 +54,32 @@ def _spaces(episodes: Episodes) -> tuple[Any, Any]:
     )
 
 
+def _again(kind: type[Any], arguments: tuple[Any, ...]) -> Any:
+    """An environment made with the arguments of another."""
+    return kind(*arguments)
+
+
+def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
+    """What an environment holds beside what its arguments make."""
+    state = {name: value for name, value in vars(environment).items() if name not in ("episodes", "_painter")}
+    return {**state, "episodes": environment.episodes.saved()}
+
+
+def _take_over(environment: RobotEnv | RobotVectorEnv, state: Mapping[str, Any]) -> None:
+    """Go on from the state of another environment that was made with the same arguments."""
+    environment.episodes.restore(state["episodes"])
+    vars(environment).update({name: value for name, value in state.items() if name != "episodes"})
+
+
 def _mode(mode: str | None) -> str | None:
     if mode is not None and mode not in _MODES:
         raise SceneError(f"render_mode {mode!r} is not known; known: {listing(_MODES)}, or none")
     return mode
+
+
+def _metadata(episodes: Episodes) -> dict[str, Any]:
+    """A picture for each action, so that a video plays at the robot's pace."""
+    return {"render_modes": list(_MODES), "render_fps": round(1.0 / episodes.span)}
 
 
 class RobotEnv(gymnasium.Env[Any, Any]):
@@ -66,12 +91,15 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         randomise: File of what differs from episode to episode, see RandomisationDescription.
         devices: Fields of Devices that differ from the task's.
         full_state: Whether an observation is the whole state (State.buffer), without noise.
+        max_episode_steps: Actions of an episode; None: the task's. `gymnasium.make` counts them itself.
+
+    A copy, by `deepcopy` or `pickle`, goes on by itself from the same state.
 
     Raises:
         SceneError, ConfigError: one of them cannot be.
     """
 
-    metadata = {"render_modes": list(_MODES), "render_fps": 25}  # noqa: RUF012 (Gymnasium's own form)
+    metadata = {"render_modes": list(_MODES)}  # noqa: RUF012 (Gymnasium's own form)
 
     def __init__(
         self,
@@ -80,9 +108,12 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         randomise: str | PathLike[str] | None = None,
         devices: Mapping[str, float] | None = None,
         full_state: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._arguments = name, render_mode, randomise, devices, full_state, max_episode_steps
         self.render_mode = _mode(render_mode)
-        self.episodes = _episodes(name, 1, 1, randomise, devices, full_state)
+        self.episodes = _episodes(name, 1, 1, randomise, devices, full_state, max_episode_steps)
+        self.metadata = _metadata(self.episodes)
         self.observation_space, self.action_space = _spaces(self.episodes)
         self._painter: Painter | None = None
 
@@ -110,7 +141,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
             observations[0],
             float(done.reward[0]),
             bool(done.terminated[0]),
-            bool(done.truncated[0]),
+            bool(done.truncated[0]) and self.spec is None,  # else a wrapper of gymnasium.make counts actions
             self._info(done.info),
         )
 
@@ -124,6 +155,12 @@ class RobotEnv(gymnasium.Env[Any, Any]):
             self._painter.show(0)
             return None
         return self._painter.paint(0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), self._arguments), _state(self)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        _take_over(self, state)
 
     def close(self) -> None:
         """See gymnasium.Env."""
@@ -145,7 +182,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         workers: On how many cores, see Batch.
         autoreset_mode: Gymnasium's: next step (as a rule), same step, or disabled.
         render_mode: "rgb_array" (`render` gives a picture of each), "human" (the first one) or None.
-        randomise, devices, full_state: See RobotEnv.
+        randomise, devices, full_state, max_episode_steps: See RobotEnv.
 
     Raises:
         SceneError, ConfigError, BatchError: one of them cannot be.
@@ -161,11 +198,16 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         randomise: str | PathLike[str] | None = None,
         devices: Mapping[str, float] | None = None,
         full_state: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._arguments = (
+            name, num_envs, workers, autoreset_mode, render_mode, randomise, devices, full_state,
+            max_episode_steps,
+        )  # fmt: skip
         self.num_envs, self.render_mode = num_envs, _mode(render_mode)
         self._autoreset = AutoresetMode(autoreset_mode)
-        self.metadata = {**RobotEnv.metadata, "autoreset_mode": self._autoreset}
-        self.episodes = _episodes(name, num_envs, workers, randomise, devices, full_state)
+        self.episodes = _episodes(name, num_envs, workers, randomise, devices, full_state, max_episode_steps)
+        self.metadata = {**_metadata(self.episodes), "autoreset_mode": self._autoreset}
         self.single_observation_space, self.single_action_space = _spaces(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -251,6 +293,12 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
             return None
         painter = self._drawing()
         return tuple(painter.paint(number) for number in range(self.num_envs))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), self._arguments), _state(self)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        _take_over(self, state)
 
     def close_extras(self, **kwargs: Any) -> None:
         """See VectorEnv."""

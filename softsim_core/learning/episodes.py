@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,13 @@ class Outcome(NamedTuple):
     info: dict[str, Numbers]
 
 
+_KEPT = (
+    "generators", "_noise", "_steps", "_command_noise", "_command_step", "_commanding", "_sensing", "_goals",
+    "_commands", "_wanted", "_earlier", "_actions", "_late", "_parameters", "_overlays",
+)  # fmt: skip
+"""What a saved state holds beside those of the copies."""
+
+
 class Episodes:
     """See the module.
 
@@ -36,9 +43,11 @@ class Episodes:
         devices: Servos and sensors; None: the task's.
         randomisation: What differs from episode to episode; None: nothing.
         full_state: Whether observations are the whole state, without noise, instead of what is sensed.
+        horizon: After how many actions episodes are truncated; None: the task's.
 
     Attributes:
         batch: The copies.
+        span: Time of an action in [s].
         generators: Random numbers of each copy; put new ones in for new seeds.
     """
 
@@ -50,8 +59,10 @@ class Episodes:
         devices: Devices | None = None,
         randomisation: Randomisation | None = None,
         full_state: bool = False,
+        horizon: int | None = None,
     ) -> None:
         self.task, self._randomisation, self._full = task, randomisation, full_state
+        self._horizon = task.horizon if horizon is None else horizon
         robot = task.description()
         start = robot.start
         self._start_steps = 0 if start is None else math.ceil(start.duration / robot.scene.dt) + 1
@@ -60,7 +71,7 @@ class Episodes:
         self.batch = Batch(robot, copies, workers)
         self.generators = [np.random.default_rng(number) for number in range(copies)]
         self._devices = devices or task.devices
-        self._span = task.steps * self.batch.dt
+        self.span = task.steps * self.batch.dt
         joints = len(task.low)
         sizes = sum(each.size for each in task.sensed)
         self._noise, self._steps = np.zeros((copies, sizes)), np.zeros((copies, sizes))
@@ -71,6 +82,7 @@ class Episodes:
         self._actions = np.zeros(copies, dtype=np.int64)
         self._late = np.zeros((copies, 2), dtype=np.int64)
         self._parameters: list[dict[str, float]] = [{} for _ in range(copies)]
+        self._overlays: list[dict[str, Any]] = [{} for _ in range(copies)]
         self._home: bytes | None = None
         for number in range(copies):
             self._equip(number, self._devices)
@@ -90,6 +102,7 @@ class Episodes:
                 self._go_home(number)
             else:
                 overlay, devices, self._parameters[number] = self._randomisation.draw(random)
+                self._overlays[number] = overlay
                 if overlay:
                     self.batch.rebuild(number, self.task.description(overlay))
                     self._lead_in(number)
@@ -127,9 +140,9 @@ class Episodes:
         self._actions[numbers] += 1
         judged = task.judge(self._moment(numbers))
         diverged = np.array([number in self.batch.failed for number in numbers.tolist()], dtype=np.bool_)
-        info = {**judged.info, "time_s": self._span * self._actions[numbers], "diverged": diverged}
+        info = {**judged.info, "time_s": self.span * self._actions[numbers], "diverged": diverged}
         ended = judged.failed | diverged
-        truncated = (self._actions[numbers] >= task.horizon) & ~ended
+        truncated = (self._actions[numbers] >= self._horizon) & ~ended
         return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
 
     def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
@@ -151,6 +164,21 @@ class Episodes:
     def parameters(self, number: int) -> Mapping[str, float]:
         """What was drawn for the episode of a copy, by name."""
         return self._parameters[number]
+
+    def saved(self) -> dict[str, Any]:
+        """The state of all episodes, for `restore` of episodes that were made with the same arguments."""
+        copies = range(len(self.generators))
+        states = [self.batch.call(number, "snapshot") for number in copies]
+        return {"states": states, **{name: getattr(self, name) for name in _KEPT}}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `saved` gave."""
+        for name in _KEPT:
+            setattr(self, name, saved[name])
+        for number, state in enumerate(saved["states"]):
+            if self._overlays[number]:
+                self.batch.rebuild(number, self.task.description(self._overlays[number]))
+            self.batch.restore(state, [number])
 
     def close(self) -> None:
         """End the worker processes."""
@@ -181,7 +209,7 @@ class Episodes:
         self._steps[number] = task.of_devices(devices, "step")
         self._command_noise[number], self._command_step[number] = devices.command_noise, devices.command_step
         late = devices.command_latency, devices.sensor_latency
-        self._late[number] = [round(each / self._span) for each in late]
+        self._late[number] = [round(each / self.span) for each in late]
 
     def _velocities(self, numbers: IndexArray) -> Array:
         """Velocity of the first free frame in [m/s], zeros without one, shape (k, 3)."""
@@ -195,7 +223,7 @@ class Episodes:
             self._goals[numbers],
             self._commands[numbers],
             self._earlier[numbers],
-            self._span,
+            self.span,
             self._thing,
         )
 

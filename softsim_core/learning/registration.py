@@ -10,12 +10,13 @@ _HOME = "softsim_core.learning.environments"
 
 
 def register_environments() -> None:
-    """Make the ids known to Gymnasium; it calls this by itself, too (entry point gymnasium.envs)."""
-    for name in TASKS:
+    """Make the ids known to Gymnasium."""
+    for name, task in TASKS.items():
         if f"softsim/{name}" not in gymnasium.registry:
             gymnasium.register(
                 id=f"softsim/{name}",
                 entry_point=f"{_HOME}:RobotEnv",
                 vector_entry_point=f"{_HOME}:RobotVectorEnv",
                 kwargs={"name": name},
+                max_episode_steps=task.horizon,
             )

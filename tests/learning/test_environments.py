@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 import warnings
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +203,63 @@ def test_pictures_show_the_robot() -> None:
         red = (picture[..., 0] > 120) & (picture[..., 1] < 80) & (picture[..., 2] < 80)
         assert 100 < red.sum() < 5000  # the ball
     assert not np.array_equal(*pictures)
+
+
+def test_an_id_with_its_module_needs_no_import() -> None:
+    code = "import gymnasium; print(gymnasium.make('softsim_core.learning:softsim/TripodReach-v0').spec.id)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True
+    )
+    assert done.stdout.split() == ["softsim/TripodReach-v0"]
+
+
+def last_action(environment: Any, most: int) -> int:
+    """After how many actions the first episode is truncated, or `most`."""
+    environment.reset(seed=0)
+    for count in range(1, most + 1):
+        _, _, terminated, truncated, _ = environment.step(environment.action_space.sample() * 0.0)
+        assert not np.any(terminated)
+        if np.any(truncated):
+            return count
+    return most
+
+
+@pytest.mark.parametrize("asked", [20, 60])
+def test_an_episode_is_as_long_as_asked_for(asked: int) -> None:
+    one = gymnasium.make("softsim/TripodReach-v0", max_episode_steps=asked)
+    many = gymnasium.make_vec("softsim/TripodReach-v0", num_envs=2, max_episode_steps=asked)
+    assert last_action(one, 70) == last_action(many, 70) == asked
+    assert last_action(RobotEnv("TripodReach-v0", max_episode_steps=asked), 70) == asked
+
+
+def test_an_episode_is_as_long_as_the_task_says() -> None:
+    assert last_action(gymnasium.make("softsim/TripodReach-v0"), 70) == 50
+    assert last_action(RobotEnv("TripodReach-v0"), 70) == 50
+    with pytest.raises(SceneError, match="max_episode_steps 0: give 1 or more"):
+        RobotEnv("TripodReach-v0", max_episode_steps=0)
+
+
+def test_a_video_plays_at_the_pace_of_the_robot() -> None:
+    rates = [gymnasium.make(f"softsim/{name}").metadata["render_fps"] for name in NAMES]
+    assert rates == [25, 50, 20]
+
+
+@pytest.mark.parametrize("copied", [deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+@pytest.mark.parametrize("randomise", [None, "material.yaml"])
+def test_a_copy_goes_on_from_the_same_state(copied: Any, randomise: str | None) -> None:
+    file = None if randomise is None else str(FOLDER.parents[1] / "examples" / "learning" / randomise)
+    made: list[Any] = [
+        gymnasium.make("softsim/TripodReach-v0", randomise=file),
+        RobotVectorEnv("TripodReach-v0", 2, randomise=file),
+    ]
+    for one in made:
+        one.reset(seed=3)
+        action = np.full(one.action_space.shape, 0.3, dtype=np.float32)
+        one.step(action)
+        other = copied(one)
+        told = [each.step(action)[0].tobytes() for _ in range(3) for each in (one, other)]
+        assert told[::2] == told[1::2]
+        assert one.reset()[0].tobytes() == other.reset()[0].tobytes()
 
 
 def test_the_full_state_comes_only_when_asked_for() -> None:
