@@ -55,6 +55,7 @@ from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material_parts import material_parts
+from softsim_core.scene.plausibility import implausible
 from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
@@ -98,6 +99,9 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
         np.array([_rotation(attachment.frame.rotation_deg) for attachment in frames]).reshape(-1, 3, 3),
     )
     filling = _groups(scene, bodies)
+    rigid = rigid_objects(scene)
+    for message in implausible(scene, bodies, filling, rigid):
+        warnings.warn(message, stacklevel=3)
     reinforcing, mass_of_layers = reinforcements(scene, bodies, filling, rest)
     groups = (*filling, *reinforcing)
     model = Model(
@@ -122,7 +126,7 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
-    return BuiltScene(model, parameters, bodies, rigid_objects(scene), acting)
+    return BuiltScene(model, parameters, bodies, rigid, acting)
 
 
 def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> dict[str, tuple[int, ...]]:

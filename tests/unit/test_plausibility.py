@@ -1,0 +1,88 @@
+"""Values in another unit are warned of when a scene is built, however it came."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from small_scenes import scene
+
+from softsim_core import load_scene
+from softsim_core.mesh import box_mesh
+from softsim_core.mesh.writers import write_tets
+from softsim_core.scene.builder import build
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.objects import RigidBodyDescription, Shape
+from softsim_core.scene.rod import RodDescription, RodSectionDescription
+
+SILICONE = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
+
+
+def told(made: SceneDescription) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        build(made)
+    return [str(each.message) for each in caught]
+
+
+def block(
+    size: float = 0.1, density: float = 1070.0, material: MaterialDescription = SILICONE
+) -> BodyDescription:
+    mesh = box_mesh((size, 0.3 * size, 0.3 * size), (2, 1, 1), (0.0, 0.0, 0.0), "block")
+    return BodyDescription(name="block", mesh=mesh, material=material, density=density)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (block(size=103.0), "body block: is 103 m large.*drawn in mm.*`placement: .scale: 0.001.`"),
+        (block(size=1e-4), "body block: is 0.1 mm large.*scaled twice"),
+        (block(density=1.07), "body block: has a density of 1.07 kg/m.3.*in g/cm.3. Then write 1070"),
+        (block(density=1.07e6), "has a density of 1.07e.06 kg/m.3.*in g/m.3. Then write 1070"),
+        (replace(block(), density=None, total_mass=9.6), "density of .*`total_mass: 9.6` is in kg.*in g"),
+        (block(material=SILICONE.changed(young_modulus=0.2)), "young_modulus is 0.2 Pa.*kPa or MPa"),
+        (block(material=SILICONE.changed(young_modulus=2e15)), "young_modulus is 2e.15 Pa.*unit twice"),
+        (block(material=MaterialDescription(law="yeoh", c1=0.036, poisson_ratio=0.4)), "c1 is 0.036 Pa"),
+    ],
+)
+def test_a_slip_of_units_is_named(made: BodyDescription, message: str) -> None:
+    assert len(told(scene(made))) == 1
+    with pytest.warns(UserWarning, match=message):
+        build(scene(made))
+
+
+def test_plausible_values_are_not_warned_of() -> None:
+    assert told(scene(block(), block_of_steel())) == []
+    floor = RigidBodyDescription(name="floor", shape=Shape(box=(10.0, 10.0, 0.1)))
+    assert told(scene(block(), rigid_bodies=(floor,))) == []
+
+
+def block_of_steel() -> BodyDescription:
+    return replace(block(density=7850.0, material=SILICONE.changed(young_modulus=2.1e11)), name="steel")
+
+
+def test_rods_and_rigid_bodies_are_looked_at_too() -> None:
+    section = RodSectionDescription(shape="ellipse", size=(4.0, 4.0))
+    rod = RodDescription(centreline=((0.0, 0.0, 0.0), (200.0, 0.0, 0.0)), section=section, elements=4)
+    material = MaterialDescription(law="rod", young_modulus=0.9, poisson_ratio=0.4)
+    drawn = BodyDescription(name="rod", rod=rod, material=material, density=1.1)
+    ball = RigidBodyDescription(name="ball", shape=Shape(sphere=20.0), mass=0.1)
+    messages = told(scene(drawn, rigid_bodies=(ball,)))
+    owners = [each.partition(":")[0] for each in messages]
+    assert owners == ["body rod", "rigid body ball", "body rod", "body rod"]
+
+
+def test_a_file_in_millimetres_is_warned_of_once_scaled_it_is_not(tmp_path: Path) -> None:
+    write_tets(tmp_path / "finger.vtk", box_mesh((103.0, 20.0, 20.0), (2, 1, 1), (0.0, 0.0, 0.0), "finger"))
+    text = (
+        "name: finger\nbodies:\n  - name: finger\n    mesh: {file: finger.vtk SCALE}\n"
+        "    material: {young_modulus: 2.0e+5, poisson_ratio: 0.4}\n    density: 1070\n"
+    )
+    file = tmp_path / "finger.yaml"
+    for scale, warned in (("", 1), (", placement: {scale: 0.001}", 0)):
+        file.write_text(text.replace(" SCALE", scale))
+        assert len(told(load_scene(file).scene)) == warned
