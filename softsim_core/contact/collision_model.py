@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.detection import Detector, Proximities
+from softsim_core.contact.detection import Detector, Proximities, false_closing
 from softsim_core.contact.rows import Carried
 from softsim_core.contact.settings import ContactSettings
 from softsim_core.contact.surfaces import CollisionSurface
@@ -19,8 +19,10 @@ from softsim_core.mechanics.model import Model, MotionSubspace
 from softsim_core.mechanics.pose import rotation_exp, rotation_log
 from softsim_core.mechanics.state import State
 
-_SHORTFALL = 0.9e-6
-"""By how much in [m] a gap at the end of a step may fall short of the contact distance."""
+_SHORTFALL = 0.9e-3
+"""Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
+_TOLERANCES = 5.0
+"""by this many tolerances of the contact solver, where that is more."""
 _SPARE = 0.05
 """Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
 
@@ -133,7 +135,8 @@ class CollisionModel:
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _carried(surfaces, nodes, weights, carriers, model)
         self.moving = any(each.reduced(model) for each in carriers)
-        self.least_gap = settings.contact_distance - _SHORTFALL
+        shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
+        self.least_gap = settings.contact_distance - shortfall
         self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
         self._fixed = self._still.copy()
@@ -267,6 +270,17 @@ class CollisionModel:
     def edges_again(self, keys: IndexArray, place: Place) -> Proximities:
         """The pairs of edges among contacts found earlier, by their keys (k,), where they are closest now."""
         return self._detector.edges_again(keys, place.points)
+
+    def false_closing(self, near: Proximities, at: Place, ahead: Array) -> Array:
+        """Return by how much in [m] gaps close outside the cones of their vertices, (k,)."""
+        return false_closing(near, at.points, ahead, self._detector.topology)
+
+    def coasting(self, start: Place, free: Place) -> Array:
+        """How far vertices go in a step at its first velocities in [m], (v, 3); frames and joints freely."""
+        ways = free.moved.copy()
+        ways[self.soft] = self.model.dt * self._followed(start.state.velocities)
+        ways[self.carried.rigid >= 0] -= self.model.dt**2 * self.model.gravity
+        return ways
 
     def free_share(self, start: Place, end: Place) -> float:
         """Share of the way from `start` to `end` on which nothing passes a surface."""

@@ -19,6 +19,8 @@ KEYS = 1 << 52
 """Keys of contacts are kept below this, so that a float64 holds them."""
 _CLOSE = 1.02
 """What is nearer than this many contact distances takes part, foremost or not."""
+_STRAY = 1.0e-4
+"""Share of the contact distance by which a linearised gap may close though the true one does not."""
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -73,19 +75,22 @@ def linearise(
     start: Place,
     at: Place,
     free: Place,
+    end: Place,
     earlier: IndexArray,
 ) -> LinearisedContacts:
     """Contacts that may hold in a step from `start` to `free`, linearised about `at`, where `near` is close.
 
-    With q the motion since the start, the gap at the end of the step is taken to be g(q_at) + H (q - q_at),
-    and the slip likewise. What took part in an `earlier` solution, by its keys (ascending, each once), does
-    so again; pairs of edges even where detection, now that they are held apart, finds something else nearer.
-    About the start itself the free motion of rigid bodies counts as it is, not linearised.
+    `end` is where the last solution led, `free` before the first one. With q the motion since the start, the
+    gap at the end of the step is taken to be g(q_at) + H (q - q_at), and the slip likewise. What took part in
+    an `earlier` solution, by its keys (ascending, each once), does so again; pairs of edges even where
+    detection, now that they are held apart, finds something else nearer. About the start itself the free
+    motion of rigid bodies counts as it is, not linearised.
     """
     settings = collisions.settings
     ahead = free.points - at.points
     lost = earlier[~_among(np.sort(near.key), earlier)]
-    near = near.chosen(np.flatnonzero(_may_hold(near, ahead, collisions) | _among(earlier, near.key)))
+    chosen = _may_hold(near, start, at, free, end, collisions) | _among(earlier, near.key)
+    near = near.chosen(np.flatnonzero(chosen))
     if len(lost):
         near = near.joined(collisions.edges_again(lost, at))
     vertices = np.concatenate([near.a, near.b], axis=1)
@@ -125,15 +130,27 @@ def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
     return np.asarray(keys[place] == wanted)
 
 
-def _may_hold(near: Proximities, ahead: Array, collisions: CollisionModel) -> BoolArray:
-    """Which contacts take part, (k,): the foremost ones, vertices that would arrive, what is too close."""
+def _may_hold(
+    near: Proximities, start: Place, at: Place, free: Place, end: Place, collisions: CollisionModel
+) -> BoolArray:
+    """Which contacts take part, (k,): the foremost ones, vertices that would arrive, what is too close.
+
+    Those are left out whose gaps close only because they are linearised far from the end. Should one of them
+    turn out to be too close there, the step is linearised there again, with it.
+    """
+    ahead = free.points - at.points
     moved = np.einsum("kc,kci->ki", near.a_weights, ahead[near.a])
     moved -= np.einsum("kc,kci->ki", near.b_weights, ahead[near.b])
     arriving = near.distance + np.einsum("ki,ki->k", moved, near.normal)
     settings = collisions.settings
     close = near.foremost & (np.minimum(near.distance, arriving) < settings.alarm_distance)
     close |= (near.seeker >= 0) & (arriving < settings.contact_distance)
-    return np.asarray(close | (near.distance < _CLOSE * settings.contact_distance))
+    close |= near.distance < _CLOSE * settings.contact_distance
+    if at is not end:
+        slides = collisions.coasting(start, free) if at is start else end.points - at.points
+        true = collisions.false_closing(near, at, slides) < _STRAY * settings.contact_distance
+        close &= true if at is start else true | near.foremost
+    return np.asarray(close)
 
 
 def _rows(

@@ -189,11 +189,11 @@ class ContactStepper(StepperAround):
         self._free.copy_from(state)
         start = collisions.start(before)
         free = collisions.end(start, self._free)
-        place, near, warm_start = start, collisions.at_start(start, free), before.warm_start
+        end, place, near, warm_start = free, start, collisions.at_start(start, free), before.warm_start
         best: Pass | None = None
         earlier = np.unique(warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64))
         for count in range(1, MOST_PASSES + 1):
-            touching = linearise(collisions, near, start, place, free, earlier)
+            touching = linearise(collisions, near, start, place, free, end, earlier)
             watch.mark("detect")
             state.copy_from(self._free)
             reached, solution, end = report, _NO_FORCES, free

@@ -96,8 +96,8 @@ class Detector:
         self.surfaces = surfaces
         self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
         self._contact_distance = float(settings.contact_distance)
-        self._topology = build_topology(surfaces, self._rest)
-        self._boxes = allocate(self._topology)
+        self.topology = build_topology(surfaces, self._rest)
+        self._boxes = allocate(self.topology)
         self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
         self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
@@ -133,7 +133,7 @@ class Detector:
                 float(reach),
                 travel,
                 self._contact_distance,
-                self._topology,
+                self.topology,
                 self._boxes,
                 near,
                 found,
@@ -153,7 +153,7 @@ class Detector:
             keys: Keys of contacts, shape (k,).
             points: Vertex positions in [m], shape (v, 3).
         """
-        topology = self._topology
+        topology = self.topology
         vertices, count = len(topology.radius), len(topology.edges)
         total = vertices + count + len(topology.triangles)
         edges = np.stack(np.divmod(keys, total), axis=1) - vertices
@@ -182,7 +182,7 @@ class Detector:
         """
         way = Way(self._rest, before, after, watched, self._contact_distance)
         while True:
-            share, needed = self._free_share(way, self._topology, self._boxes, self._near)
+            share, needed = self._free_share(way, self.topology, self._boxes, self._near)
             if needed <= len(self._near.leaves):
                 return float(share)
             self._widen(needed)
@@ -190,7 +190,7 @@ class Detector:
     @property
     def pairs(self) -> IndexArray:
         """Numbers of the surfaces that may meet, shape (p, 2)."""
-        return self._topology.pairs
+        return self.topology.pairs
 
     def _widen(self, needed: int) -> None:
         """Make room for twice as many pairs of features as are needed now."""
