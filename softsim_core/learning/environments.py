@@ -30,19 +30,22 @@ def _episodes(
     name: str,
     copies: int,
     workers: int,
-    randomise: str | PathLike[str] | None,
-    devices: Mapping[str, float] | None,
-    full_state: bool,
-    horizon: int | None,
+    *,
+    randomise: str | PathLike[str] | None = None,
+    devices: Mapping[str, float] | None = None,
+    full_state: bool = False,
+    max_episode_steps: int | None = None,
 ) -> Episodes:
     if name not in TASKS:
         raise SceneError(f"unknown task {name!r}; known: {listing(TASKS)}")
     task = TASKS[name]
     chosen: Devices | None = None if devices is None else task.devices.changed(devices)
     drawn = None if randomise is None else load_randomisation(str(randomise))
-    if horizon is not None and horizon < 1:
-        raise SceneError(f"max_episode_steps {horizon}: give 1 or more")
-    return Episodes(task, copies, workers, chosen, drawn, full_state, horizon)
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise SceneError(f"max_episode_steps {max_episode_steps}: give 1 or more")
+    episodes = Episodes(task, copies, workers, chosen, drawn, full_state)
+    episodes.horizon = max_episode_steps or task.horizon
+    return episodes
 
 
 def _spaces(episodes: Episodes) -> tuple[Any, Any]:
@@ -54,9 +57,9 @@ def _spaces(episodes: Episodes) -> tuple[Any, Any]:
     )
 
 
-def _again(kind: type[Any], arguments: tuple[Any, ...]) -> Any:
+def _again(kind: type[Any], arguments: Mapping[str, Any]) -> Any:
     """An environment made with the arguments of another."""
-    return kind(*arguments)
+    return kind(**arguments)
 
 
 def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
@@ -110,9 +113,15 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         full_state: bool = False,
         max_episode_steps: int | None = None,
     ) -> None:
-        self._arguments = name, render_mode, randomise, devices, full_state, max_episode_steps
+        episodes: dict[str, Any] = {
+            "randomise": randomise,
+            "devices": devices,
+            "full_state": full_state,
+            "max_episode_steps": max_episode_steps,
+        }
+        self._arguments: dict[str, Any] = {"name": name, "render_mode": render_mode, **episodes}
         self.render_mode = _mode(render_mode)
-        self.episodes = _episodes(name, 1, 1, randomise, devices, full_state, max_episode_steps)
+        self.episodes = _episodes(name, 1, 1, **episodes)
         self.metadata = _metadata(self.episodes)
         self.observation_space, self.action_space = _spaces(self.episodes)
         self._painter: Painter | None = None
@@ -182,7 +191,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         workers: On how many cores, see Batch.
         autoreset_mode: Gymnasium's: next step (as a rule), same step, or disabled.
         render_mode: "rgb_array" (`render` gives a picture of each), "human" (the first one) or None.
-        randomise, devices, full_state, max_episode_steps: See RobotEnv.
+        episodes: randomise, devices, full_state and max_episode_steps, see RobotEnv.
 
     Raises:
         SceneError, ConfigError, BatchError: one of them cannot be.
@@ -195,18 +204,19 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         workers: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        randomise: str | PathLike[str] | None = None,
-        devices: Mapping[str, float] | None = None,
-        full_state: bool = False,
-        max_episode_steps: int | None = None,
+        **episodes: Any,
     ) -> None:
-        self._arguments = (
-            name, num_envs, workers, autoreset_mode, render_mode, randomise, devices, full_state,
-            max_episode_steps,
-        )  # fmt: skip
+        self._arguments: dict[str, Any] = {
+            "name": name,
+            "num_envs": num_envs,
+            "workers": workers,
+            "autoreset_mode": autoreset_mode,
+            "render_mode": render_mode,
+            **episodes,
+        }
         self.num_envs, self.render_mode = num_envs, _mode(render_mode)
         self._autoreset = AutoresetMode(autoreset_mode)
-        self.episodes = _episodes(name, num_envs, workers, randomise, devices, full_state, max_episode_steps)
+        self.episodes = _episodes(name, num_envs, workers, **episodes)
         self.metadata = {**_metadata(self.episodes), "autoreset_mode": self._autoreset}
         self.single_observation_space, self.single_action_space = _spaces(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -43,11 +43,11 @@ class Episodes:
         devices: Servos and sensors; None: the task's.
         randomisation: What differs from episode to episode; None: nothing.
         full_state: Whether observations are the whole state, without noise, instead of what is sensed.
-        horizon: After how many actions episodes are truncated; None: the task's.
 
     Attributes:
         batch: The copies.
         span: Time of an action in [s].
+        horizon: After how many actions episodes are truncated; at first the task's.
         generators: Random numbers of each copy; put new ones in for new seeds.
     """
 
@@ -59,10 +59,9 @@ class Episodes:
         devices: Devices | None = None,
         randomisation: Randomisation | None = None,
         full_state: bool = False,
-        horizon: int | None = None,
     ) -> None:
         self.task, self._randomisation, self._full = task, randomisation, full_state
-        self._horizon = task.horizon if horizon is None else horizon
+        self.horizon = task.horizon
         robot = task.description()
         start = robot.start
         self._start_steps = 0 if start is None else math.ceil(start.duration / robot.scene.dt) + 1
@@ -142,7 +141,7 @@ class Episodes:
         diverged = np.array([number in self.batch.failed for number in numbers.tolist()], dtype=np.bool_)
         info = {**judged.info, "time_s": self.span * self._actions[numbers], "diverged": diverged}
         ended = judged.failed | diverged
-        truncated = (self._actions[numbers] >= self._horizon) & ~ended
+        truncated = (self._actions[numbers] >= self.horizon) & ~ended
         return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
 
     def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
