@@ -11,12 +11,13 @@ from small_scenes import scene
 
 from softsim_core import load_scene
 from softsim_core.mesh import box_mesh
+from softsim_core.mesh.shapes import Shape
 from softsim_core.mesh.writers import write_tets
 from softsim_core.scene.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import RigidBodyDescription, Shape
+from softsim_core.scene.objects import RigidBodyDescription
 from softsim_core.scene.rod import RodDescription, RodSectionDescription
 
 SILICONE = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
