@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport
     if not shown:
         return parts[-1][1]
     reports = [report for _, report, _ in shown]
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate([getattr(report, name)[own] for _, report, own in shown])
         for name in ("points", "normals", "gaps", "pairs", "bodies", "vertices", "weights")
     }

@@ -11,8 +11,10 @@ from small_scenes import body, jittered, scene, slab
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
+from softsim_core.fem.assembly import elastic_forces
 from softsim_core.fem.materials.material import von_mises
 from softsim_core.mesh import box_mesh
+from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 
 YOUNG, POISSON = 1e5, 0.3
@@ -84,3 +86,37 @@ def test_a_bent_quadratic_beam_is_coloured_by_its_outer_fibre() -> None:
         simulation._state, simulation.parameters
     )
     assert of_cells[nodes].mean() < 0.7 * abs(expected)
+
+
+@pytest.mark.parametrize("backend", ["scipy", pytest.param("numba", marks=pytest.mark.numba)])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("law", ["corotational", "corotational_qr", "stable_neo_hookean"])
+def test_the_stress_of_a_stretched_bar_is_its_force_over_the_area_it_has(
+    law: str, order: int, backend: str
+) -> None:
+    """Stretched by half: the section is smaller, and so the Cauchy stress larger, by its change of area.
+
+    That of the law of the reference simulator differs from cell to cell here.
+    """
+    side, stretch, young = 0.01, 1.5, 5e4
+    bar = BodyDescription(
+        name="bar",
+        mesh=box_mesh((0.03, side, side), (3, 1, 1), (0.0, -0.005, -0.005)),
+        order=order,
+        material=MaterialDescription(law=law, young_modulus=young, poisson_ratio=0.3),
+        density=1000.0,
+    )
+    simulation = Simulation(scene(bar, gravity=(0.0, 0.0, 0.0)), backend)  # type: ignore[arg-type]
+    thin = 1.0 - 0.3 * (stretch - 1.0)
+    places = simulation.model.rest * [stretch, thin, thin]
+    simulation._state.positions[:] = places
+    model, materials = simulation.model, simulation.parameters.materials
+    pulled = -elastic_forces(model.groups, places, materials)
+    right = places[:, 0] > places[:, 0].max() - 1e-9
+    area = (side * thin) ** 2
+    stress = simulation.stress().mean(axis=0)
+    assert stress[0, 0] * area == pytest.approx(
+        pulled[right, 0].sum(), rel=0.05 if law == "corotational_qr" else 1e-6
+    )
+    if law != "corotational_qr":
+        np.testing.assert_allclose(simulation.von_mises(), von_mises(simulation.stress()), rtol=1e-6)

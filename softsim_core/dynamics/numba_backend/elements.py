@@ -23,6 +23,7 @@ from softsim_core.dynamics.numba_backend.simd_elements import (
     polar_rotations,
     turning_batch,
 )
+from softsim_core.fem.materials.corotational import FLAT
 from softsim_core.linalg.simd import LANES, add_block
 
 FROZEN, CLAMPED, EXACT = (cast(int, np.int64(tangent)) for tangent in range(3))
@@ -170,7 +171,7 @@ def von_mises_stress(
 
     `moduli` (m, 2): Lame parameters in [Pa] by element number.
     """
-    w, f = np.empty((3, 3)), np.empty(3)
+    w, cauchy, f = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for batch in range(len(elements.nodes)):
         if polar:
             left = polar_rotations(
@@ -193,8 +194,19 @@ def von_mises_stress(
                     w[i, j] = 0.0
                     for k in range(3):
                         w[i, j] += f[k] * work.rotations[3 * j + k, lane]
-            mu = moduli[ids[first + lane], 1]
-            e0, e1, e2 = w[0, 0], w[1, 1], w[2, 2]
+            lam, mu = moduli[ids[first + lane]]
+            pressed = lam * (w[0, 0] + w[1, 1] + w[2, 2] - 3.0) - 2.0 * mu
+            for i in range(3):  # det F times the Cauchy stress: sigma W^T with W = F R^T
+                for j in range(3):
+                    cauchy[i, j] = pressed * w[j, i]
+                    for k in range(3):
+                        cauchy[i, j] += mu * (w[i, k] + w[k, i]) * w[j, k]
+            volume = 0.0
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                volume += w[0, i] * (w[1, j] * w[2, k] - w[1, k] * w[2, j])
+            e0, e1, e2 = cauchy[0, 0], cauchy[1, 1], cauchy[2, 2]
             normal = (e0 - e1) ** 2 + (e1 - e2) ** 2 + (e2 - e0) ** 2
-            shear = (w[0, 1] + w[1, 0]) ** 2 + (w[1, 2] + w[2, 1]) ** 2 + (w[0, 2] + w[2, 0]) ** 2
-            result[ids[first + lane]] = 2.0 * mu * sqrt(0.5 * normal + 0.75 * shear)
+            shear = (cauchy[0, 1] + cauchy[1, 0]) ** 2
+            shear += (cauchy[1, 2] + cauchy[2, 1]) ** 2 + (cauchy[0, 2] + cauchy[2, 0]) ** 2
+            result[ids[first + lane]] = sqrt(0.5 * normal + 0.75 * shear) / max(abs(volume), FLAT)

@@ -22,6 +22,9 @@ SMALLEST_VOLUME = 1e-6
 """det(tr(S) I - S), 8 at rest, is taken no smaller than this: a crumpled element that is blown up has no
 bounded tangent."""
 
+FLAT = 1e-3
+"""Share of its volume at rest, below which a cell's stress is no more taken per area as deformed."""
+
 _WELL_SHAPED = 0.02
 """With a determinant above this, for its size, a gradient is near enough to a rotation for Newton's steps."""
 
@@ -65,8 +68,11 @@ class RotatedHooke(Material):
         return np.asarray(result + mu * np.einsum("...il,...kj->...ijkl", rotation, rotation))
 
     def cauchy_stress(self, deformation: Array, stress: Array) -> Array:
-        """The rotated stress sigma, which does not count the change of area; see Material."""
-        return np.asarray(stress @ np.swapaxes(self.rotations(deformation), -1, -2))
+        """See Material; the symmetric part, for R that is not the nearest rotation, finite in flat cells."""
+        found = stress @ np.swapaxes(deformation, -1, -2)
+        volume = np.linalg.det(deformation)[..., None, None]
+        volume = np.copysign(np.maximum(np.abs(volume), FLAT), volume)
+        return np.asarray(0.5 * (found + np.swapaxes(found, -1, -2)) / volume)
 
 
 class Corotational(RotatedHooke, VolumetricMaterial):
