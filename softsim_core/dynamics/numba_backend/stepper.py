@@ -70,8 +70,7 @@ class NumbaStepper:
         self._elimination: Elimination = shared or planned_elimination(
             model, actuators, iterative, touching, self._threads
         )
-        direct = isinstance(self._elimination, DirectElimination)
-        self._factoring: NumbaStepper | None = self if direct else None
+        self._factoring: NumbaStepper | None = None  # never itself: it would outlive its last user
         self._prepared = self._elimination.prepared
         self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
         self._corners = oriented(model)
@@ -189,7 +188,7 @@ class NumbaStepper:
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> NumbaStaticTangent:
         """See Stepper."""
-        if self._factoring is not self:
+        if not isinstance(self._elimination, DirectElimination):
             return self._with_factor().static_tangent(state, parameters, forces, pressed)
         model = self.model
         self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
@@ -254,7 +253,9 @@ class NumbaStepper:
         )  # fmt: skip
 
     def _with_factor(self) -> NumbaStepper:
-        """The stepper that factors."""
+        """The stepper that factors: itself, or one beside it, made once."""
+        if isinstance(self._elimination, DirectElimination):
+            return self
         if self._factoring is None:
             self._factoring = NumbaStepper(self.model, self.actuators, iterative=False, threads=self._threads)
         return self._factoring
