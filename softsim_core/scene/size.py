@@ -46,7 +46,7 @@ class SceneSize:
     @property
     def gigabytes(self) -> float:
         """Memory that state, matrices and their factor take, about, in [GB]."""
-        factor = _FACTOR_BYTES * (3.0 * self.nodes) ** (4.0 / 3.0)
+        factor = _FACTOR_BYTES * math.pow(3.0 * self.nodes, 4.0 / 3.0)
         return (_NODE_BYTES * self.nodes + _CELL_BYTES * self.cells + factor) / 1e9
 
 
