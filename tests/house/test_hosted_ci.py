@@ -55,7 +55,11 @@ def test_every_python_that_is_promised_is_tested() -> None:
     promised = set(re.findall(r"Programming Language :: Python :: (3\.\d+)", project))
     jobs = yaml.safe_load((REPOSITORY / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
     tested = set(jobs["quick"]["strategy"]["matrix"]["python"])
-    tested |= {step["with"]["python-version"] for step in jobs["suite"]["steps"] if "with" in step}
+    tested |= {
+        step["with"]["python-version"]
+        for step in jobs["suite"]["steps"]
+        if "python-version" in step.get("with", {})
+    }
     assert tested == promised
 
 
@@ -71,6 +75,25 @@ def test_the_image_starts_a_robot_whose_page_is_reached() -> None:
         assert (
             f"--hostname localhost -p 127.0.0.1:{exposed}:{exposed} softsim" in run
         )  # reached from here only
+
+
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda file: file.stem)
+def test_no_step_can_write_to_the_repository(workflow: Path) -> None:
+    data = yaml.safe_load(workflow.read_text())
+    assert data["permissions"] == {"contents": "read"}
+    assert not any("permissions" in job for job in data["jobs"].values())
+    for _, step in steps(workflow):
+        if step.get("uses", "").startswith("actions/checkout@"):
+            assert step["with"]["persist-credentials"] is False
+
+
+def test_the_image_runs_as_an_ordinary_user_on_a_fixed_release() -> None:
+    lines = (REPOSITORY / "Dockerfile").read_text().splitlines()
+    (base,) = (line for line in lines if line.startswith("FROM "))
+    assert re.fullmatch(r"FROM python:3\.\d+\.\d+-slim-[a-z]+", base)
+    user = lines.index("USER softsim")
+    assert not [line for line in lines[user:] if "root" in line]
+    assert lines.index('ENTRYPOINT ["softsim"]') > user
 
 
 def test_the_development_container_makes_the_environment() -> None:
