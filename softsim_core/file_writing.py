@@ -12,7 +12,7 @@ import secrets
 import stat
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, Final, Literal
+from typing import Any, BinaryIO, Final, Literal, TextIO, overload
 
 _NO_LINKS: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """Flags of every descriptor that writes; a pipe in a file's place fails instead of blocking."""
@@ -72,13 +72,17 @@ def put_in_place(new: Path, file: Path) -> None:
     sync(file.parent)
 
 
+@overload
 def open_in_place(
-    file: Path,
-    mode: Literal["a", "w", "r+b"],
-    *,
-    encoding: str | None = None,
-    newline: str | None = None,
-) -> IO[Any]:
+    file: Path, mode: Literal["a", "w"], *, encoding: str | None = ..., newline: str | None = ...
+) -> TextIO: ...
+
+
+@overload
+def open_in_place(file: Path, mode: Literal["r+b"]) -> BinaryIO: ...
+
+
+def open_in_place(file: Path, mode: str, *, encoding: str | None = None, newline: str | None = None) -> Any:
     """Open a file that grows or changes where it is: a journal, a log, a recording. Never opens a link.
 
     Raises:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import hashlib
 import hmac
 import http
 import io
@@ -80,7 +81,19 @@ class AccessRule:
         """What a person opens in a browser of this machine."""
         anywhere = self.host in ANYWHERE
         host = socket.gethostname() if anywhere else f"[{self.host}]" if ":" in self.host else self.host
+        host = self.own_name or host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    @property
+    def own_name(self) -> str:
+        """Name of this machine that only who has the token knows; empty where there is none.
+
+        Browsers send a cookie to every port of the host that set it, so also to pages that other accounts
+        serve at 127.0.0.1; they do not know this host, which every browser takes for this machine.
+        """
+        if self.token is None or self.host != "127.0.0.1":
+            return ""
+        return f"softsim-{hashlib.sha256(f'host of {self.token}'.encode()).hexdigest()[:16]}.localhost"
 
     @property
     def cookie(self) -> str:
@@ -115,7 +128,8 @@ class AccessRule:
         if not is_loopback(self.host):  # any name may lead here; the token tells friend from foe
             return True
         own = f"[{self.host}]" if ":" in self.host else self.host
-        return host.lower() in {f"{name}:{self.port}" for name in (own, "127.0.0.1", "localhost", "[::1]")}
+        names = [own, "127.0.0.1", "localhost", "[::1]", *filter(None, [self.own_name])]
+        return host.lower() in {f"{name}:{self.port}" for name in names}
 
 
 def _equal(given: str, wanted: str) -> bool:
@@ -266,6 +280,9 @@ def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request]
             return None
         if rule.has_token(request):
             answer = _response(http.HTTPStatus.SEE_OTHER, b"", "text/plain")
+            if rule.own_name and request.headers["Host"].lower() != f"{rule.own_name}:{rule.port}":
+                answer.headers["Location"] = rule.address  # no cookie for a name that others share
+                return answer
             answer.headers["Location"] = "/"
             answer.headers["Set-Cookie"] = f"{rule.cookie}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
             return answer

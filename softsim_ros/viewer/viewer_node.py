@@ -57,6 +57,7 @@ class Viewer(ClosableNode):
     Args:
         robot: What is shown until the simulator tells its own scene.
         settings: Address and looks.
+        token: Secret that browsers bring; empty: a new one is made.
         **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used.
 
     Attributes:
@@ -68,11 +69,13 @@ class Viewer(ClosableNode):
 
     controls: Controls
 
-    def __init__(self, robot: RobotDescription, settings: ViewerSettings, **node_options: Any) -> None:
+    def __init__(
+        self, robot: RobotDescription, settings: ViewerSettings, token: str = "", **node_options: Any
+    ) -> None:
         super().__init__("viewer", **{"namespace": robot.name, **node_options})
         self._settings = settings = declare(self, settings)
-        token = None if settings.no_token else settings.token or secrets.token_urlsafe(18)
-        self._server = GuardedServer(AccessRule(settings.host, settings.port, token), robot.name)
+        secret = None if settings.no_token else token or secrets.token_urlsafe(18)
+        self._server = GuardedServer(AccessRule(settings.host, settings.port, secret), robot.name)
         self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
         self._server.initial_camera.near, self._server.initial_camera.far = SEEN_MM
         self._server.initial_camera.fov = CAMERA_FOV
@@ -228,8 +231,8 @@ def robot_by_name(name: str) -> RobotDescription:
 
 def announced_viewer() -> Viewer:
     """The viewer that this process's parameters ask for; its address goes to standard output."""
-    robot, settings = requested_settings()
-    node = Viewer(robot_by_name(robot), settings)
+    robot, settings, token = requested_settings()
+    node = Viewer(robot_by_name(robot), settings, token)
     sys.stdout.write(f"viewer: {node.address}\n")
     sys.stdout.flush()
     return node

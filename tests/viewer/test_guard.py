@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import gzip
 import http.client
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +21,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from softsim_ros.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
+from softsim_ros.viewer.requested import requested_token
 
 LOCAL = AccessRule("127.0.0.1", 8080)
 OPEN = AccessRule("0.0.0.0", 8080, "secret")
@@ -156,13 +159,51 @@ def test_a_hostile_origin_gets_no_connection(server: GuardedServer) -> None:
 def test_the_token_becomes_a_cookie(server: GuardedServer) -> None:
     assert get(server)[0] == 403
     assert handshake(server) == 403
-    status, headers, _ = get(server, "/?token=secret")
+    name = f"{server.rule.own_name}:{server.rule.port}"
+    status, headers, _ = get(server, "/?token=secret", Host=name)
     assert (status, headers["location"]) == (303, "/")
     assert "HttpOnly" in headers["set-cookie"]
     assert "SameSite=Strict" in headers["set-cookie"]
     cookie = headers["set-cookie"].split(";")[0]
     assert get(server, Cookie=cookie)[0] == 200
     assert handshake(server, additional_headers={"Cookie": cookie}) == 101
+
+
+@pytest.mark.parametrize("server", ["secret"], indirect=True)
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
+def test_no_cookie_is_set_for_a_host_that_other_pages_share(server: GuardedServer, host: str) -> None:
+    status, headers, _ = get(server, "/?token=secret", Host=f"{host}:{server.rule.port}")
+    assert (status, headers["location"]) == (303, server.rule.address)
+    assert "set-cookie" not in headers
+    assert server.rule.address.startswith("http://softsim-")
+    assert ".localhost:" in server.rule.address
+
+
+def test_the_name_of_the_page_follows_its_token() -> None:
+    names = {AccessRule("127.0.0.1", 8080, token).own_name for token in ("secret", "other", "secret")}
+    assert len(names) == 2
+    assert AccessRule("127.0.0.1", 8080).own_name == AccessRule("0.0.0.0", 8080, "secret").own_name == ""
+
+
+def test_the_token_comes_out_of_the_environment_or_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text("secret_of_a_file\n")
+    assert requested_token({}) == ""
+    assert requested_token({"SOFTSIM_PAGE_TOKEN": "secret_given"}) == "secret_given"
+    assert requested_token({"SOFTSIM_PAGE_TOKEN_FILE": str(file)}) == "secret_of_a_file"
+    for text in ("", "short", "two words", "a" * 201, "new\r\nline_in_it"):
+        file.write_text(text)
+        with pytest.raises(ViewerError, match="holds no token; one has 8 to 200"):
+            requested_token({"SOFTSIM_PAGE_TOKEN_FILE": str(file)})
+    with pytest.raises(ViewerError, match=r"SOFTSIM_PAGE_TOKEN_FILE names .*: No such file"):
+        requested_token({"SOFTSIM_PAGE_TOKEN_FILE": str(tmp_path / "none")})
+
+
+@pytest.mark.ros
+def test_nobody_reads_the_token_out_of_the_parameters() -> None:
+    from softsim_ros.viewer.requested import ViewerSettings
+
+    assert "token" not in {each.name for each in dataclasses.fields(ViewerSettings)}
 
 
 def test_no_tunnel_is_opened(server: GuardedServer) -> None:
