@@ -126,11 +126,14 @@ class Ending:
                 done.set_exception(error)
 
         thread = threading.Thread(target=carry_out, name="abandonable", daemon=True)
-        thread.start()
-        while not wait((done,), LOOK_S).done:
-            if self.asked:
-                self._left.append(thread)
-                raise KeyboardInterrupt
+        try:
+            thread.start()
+            while not wait((done,), LOOK_S).done:
+                if self.asked:
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:  # of a signal inside `interruptible`, too
+            self._left.append(thread)
+            raise
         return done.result()
 
     def leave(self, code: int) -> int:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -91,3 +93,38 @@ def test_an_interrupt_in_a_callback_of_the_compiler_comes_after_it(
         spin_until(lambda: False)
     assert len(kept) == 1
     assert capfd.readouterr().err == ""
+
+
+INTERRUPTED = """
+import atexit, ctypes, os, signal, sys, threading
+from softsim_node.ending import ending
+
+begun = threading.Event()
+atexit.register(print, "the interpreter took its data away")
+
+def compile_kernels():
+    begun.set()
+    ctypes.CDLL(None).sleep(600)  # what the compiler looks like from Python
+
+def interrupt():
+    begun.wait()
+    os.kill(os.getpid(), signal.SIGINT)
+
+ending.watch()
+threading.Thread(target=interrupt).start()
+try:
+    with CONTEXT():
+        ending.abandonable(compile_kernels)
+except KeyboardInterrupt:
+    sys.exit(ending.leave(7))
+"""
+
+
+@pytest.mark.parametrize("context", ["ending.interruptible", "ending.orderly"])
+def test_work_that_is_left_behind_ends_with_the_process_at_once(context: str) -> None:
+    """Also where the signal raises: an interpreter that ends in its own way would crash the compiler."""
+    code = INTERRUPTED.replace("CONTEXT", context)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (7, "", "")
