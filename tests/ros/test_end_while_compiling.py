@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +80,52 @@ def test_the_first_start_is_ended_while_it_compiles(
     assert process.says("begins on the SciPy path while kernels compile", KERNELS_S), process.output
     assert spin_until(lambda: any(cache.rglob("*.nbc")), KERNELS_S)  # the compiler is at the next one
     assert end(process, number) < SOON_S
+
+
+def end_at_random_moments(folder: Path, monkeypatch: pytest.MonkeyPatch, count: int, latest_s: float) -> None:
+    """Start a robot on an empty cache and end it, again and again; none crashes or leaves a process."""
+    draw = random.Random(count)
+    for number in range(count):
+        kernels = folder / f"kernels {number}"
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
+        words = ("up", "tripod", "--headless", "--no-viewer", "--send")
+        up = NodeProcess("softsim_ros.cli", words, folder / f"up {number}.txt")
+        moment = draw.uniform(0.0, latest_s)
+        with pytest.raises(subprocess.TimeoutExpired):
+            up.process.wait(moment)
+        code = up.end(draw.choice([signal.SIGINT, signal.SIGTERM]))
+        # Before Python runs the first line of the suite a signal ends the process as it ends any other, and
+        # an interrupt that Python meets in the text of an `exec`, as of dataclasses, it repeats as a signal.
+        early = not up.output or "KeyboardInterrupt" in up.output
+        allowed = {0, 130, -signal.SIGINT} | ({1, -signal.SIGTERM} if early else set())
+        assert code in allowed, (moment, up.state)
+        assert early or "Traceback" not in up.output, (moment, up.state)
+        assert spin_until(lambda kernels=kernels: not processes_with(str(kernels))), moment
+
+
+def processes_with(text: str) -> list[Path]:
+    """Processes that were started with a text in their environment, and run still."""
+    found = []
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            if text.encode() in environment.read_bytes():
+                found.append(environment.parent)
+    return found
+
+
+def test_a_robot_is_ended_at_random_moments_of_its_first_start(
+    tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    end_at_random_moments(tmp_path, monkeypatch, 3, 10.0)
+
+
+@pytest.mark.exhaustive
+def test_a_robot_is_ended_at_any_moment_of_its_first_minute(
+    tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    end_at_random_moments(tmp_path, monkeypatch, 300, 60.0)
 
 
 def test_softsim_up_is_ended_at_rest_while_its_physics_compiles(start: ProcessGroup, tmp_path: Path) -> None:
