@@ -39,7 +39,7 @@ def _numba() -> Any:
 
     if config._config_fname:
         config._config_fname = ""
-        config.reload_config()
+        config.reload_config()  # type: ignore[no-untyped-call]
     return numba
 
 
