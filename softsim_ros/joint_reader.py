@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from softsim_core.arrays import Array
 from softsim_core.scene.joint import JointDescription
-from softsim_ros.qos import NEWEST_ONLY
+from softsim_ros.qos import MEASURED
 
 
 class JointReader:
@@ -71,8 +71,8 @@ class JointStates:
     def __init__(self, node: Node, silent_after: float, take: Callable[[JointState], None]) -> None:
         self._silent_after, self._take = silent_after, take
         self._measured_at = -np.inf
-        node.create_subscription(JointState, "joint_states", self._on_measured, NEWEST_ONLY)
-        node.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+        node.create_subscription(JointState, "joint_states", self._on_measured, MEASURED)
+        node.create_subscription(JointState, "applied_joint_states", self._on_applied, MEASURED)
 
     def _on_measured(self, message: JointState) -> None:
         self._measured_at = time.monotonic()

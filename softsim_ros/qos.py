@@ -13,6 +13,9 @@ NEWEST_ONLY: Final = QoSProfile(depth=1)
 EVERY_ONE: Final = QoSProfile(depth=10)
 """Events and measurements of which none should be missed: reliable, a few may wait."""
 
+MEASURED: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Measurements that come in: only the newest counts, and sensors that send best effort are heard, too."""
+
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """What stays true: reliable, and who comes later gets the newest, too."""
 

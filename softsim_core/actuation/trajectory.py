@@ -12,6 +12,12 @@ from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, listing
 from softsim_core.wrong_names import known_names
 
+ROUND_OFF = 1e-6
+"""A last velocity below this part of a joint's fastest one is the round-off of a planner, and counts as 0."""
+
+LEAST_SPEED = 1e-9
+"""So does one below this, in [rad/s] or [m/s]."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTrajectory:
@@ -80,8 +86,11 @@ class JointTrajectory:
                 raise _refused(f"its {name} are not one finite number for each position")
         if self.accelerations is not None and self.velocities is None:
             raise _refused("accelerations need velocities; give both, or positions alone")
-        if self.velocities is not None and self.velocities[-1].any():
-            raise _refused("the velocities of its last way point must be 0: there it stops")
+        if self.velocities is not None:
+            fastest = np.abs(self.velocities).max(axis=0)
+            if (np.abs(self.velocities[-1]) > ROUND_OFF * fastest + LEAST_SPEED).any():
+                raise _refused("the velocities of its last way point must be 0: there it stops")
+            self.velocities[-1] = 0.0
 
     @property
     def duration(self) -> float:

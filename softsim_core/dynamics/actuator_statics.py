@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from softsim_core.actuation.actuator import GeometricStiffness
 from softsim_core.actuation.actuators import Actuators
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, BoolArray
 from softsim_core.dynamics.assembly import Unknowns, jacobian
 from softsim_core.dynamics.stepper import Condensed, Stepper
 from softsim_core.linalg.bounded import solve_bounded
@@ -24,6 +24,9 @@ from softsim_core.mechanics.control import Parameters, Transmissions
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows, joined, no_rows, sparse_rows
 from softsim_core.mechanics.state import State
+
+SAME = 1e-6
+"""Part of its own compliance by which an actuator yields: several of one route have a tangent, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +121,7 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
     stiffness, arriving, compliance = tangent.condensed(joined([*own, rows]))
     diagonal = range(before)
     compliance[diagonal, diagonal] += np.append(kept.compliance, 1.0 / geometric.weight)
+    compliance[diagonal, diagonal] *= 1.0 + SAME  # rows that say the same share what they hold
     imposed = np.flatnonzero(given)
     held = np.setdiff1d(np.arange(before), imposed)
     left = np.append(imposed, np.arange(before, len(compliance)))
@@ -143,6 +147,20 @@ def command_gains(stepper: Stepper, state: State) -> Array:
     gains[actuators.joint] = _kept_at(stepper, state).gain
     gains[actuators.multiplied] = 0.0
     return gains
+
+
+def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Array, BoolArray]:
+    """Commands (j,) with the slack of actuators taken up, and which joints' actuators can only pull (j,)."""
+    actuators, kept = stepper.actuators, _kept_at(stepper, state)
+    efforts = state.joint_efforts[actuators.joint]
+    one_sided = (kept.lower >= 0.0) & ~actuators.constraints.by_multiplier
+    slack = one_sided & (efforts <= 0.0)
+    taut, pulls = commands.copy(), np.zeros(len(commands), dtype=np.bool_)
+    taut[actuators.joint[slack]] = actuators.commands_of(actuators.values(stepper.model, state), efforts)[
+        slack
+    ]
+    pulls[actuators.joint[one_sided]] = True
+    return taut, pulls
 
 
 def _kept_at(stepper: Stepper, state: State) -> Transmissions:

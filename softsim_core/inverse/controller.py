@@ -1,7 +1,8 @@
 """Inverse control in real time: one joint increment a tick, on a model that moves along.
 
-A tick takes the effector's sensitivity at the model's present state, solves one quadratic program for the
-increment dq towards the goal, and steps the model by dt under q + dq. With a measured pose y the error of the
+A tick takes the effector's sensitivity at the model's present state, and where it would come to rest from
+there; solves one quadratic program for the increment dq towards the goal, at a rate that the slowest mode
+allows (see pace); and steps the model by dt under q + dq. With a measured pose y the error of the
 model is learned as a correction d and taken off the goal:
 
     d <- clip(d + (1 - exp(-k dt)) (y - (x + d))),    the model's goal is goal - d
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Literal, TypeAlias
@@ -20,13 +22,24 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, NotConvergedError, SolverDivergedError
+from softsim_core.errors import CommandError, FactorisationError, NotConvergedError, SolverDivergedError
 from softsim_core.inverse.damping import AdaptiveDamping
-from softsim_core.inverse.problem import QP, Limits, Linearisation, build
-from softsim_core.inverse.sensitivity import Sensitivity
-from softsim_core.inverse.solver import Solution, need_daqp, solve
-from softsim_core.inverse.static import effector, place, residuals, sensitivity_of
-from softsim_core.inverse.tasks import Task, limited, task_for
+from softsim_core.inverse.pace import Pace, pace, slowest_period
+from softsim_core.inverse.problem import QP, Aim, Limits, build
+from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity
+from softsim_core.inverse.solver import Solution, need_daqp
+from softsim_core.inverse.static import (
+    effector,
+    far_limits,
+    is_optimal,
+    lengths,
+    linearised,
+    place,
+    residuals,
+    sensitivity_of,
+    solve_taut,
+)
+from softsim_core.inverse.tasks import Task, task_for
 from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.description import SceneDescription
@@ -37,17 +50,25 @@ from softsim_core.units import MILLIMETRE, degrees
 __all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]
 
 InverseStatus: TypeAlias = Literal[
-    "idle", "moving", "reached", "unreachable", "infeasible", "not_converged", "diverged"
+    "idle",
+    "moving",
+    "limited",
+    "reached",
+    "unreachable",
+    "stalled",
+    "infeasible",
+    "not_converged",
+    "diverged",
 ]
 
-USELESS = 0.02
-"""A step that shortens the error it looks at by less than this part of it leads nowhere."""
-
 PATIENCE = 10
-"""Ticks in a row that must lead nowhere before a goal counts as unreachable."""
+"""Ticks in a row, at the full rate, that a robot must rest before a goal counts as unreachable."""
 
 PATIENCE_STALLED = 100
-"""Or that bring it no nearer than ever, whatever they promise (near a branch of equilibria: much)."""
+"""Or may bring the goal no nearer than ever before it counts as stalled."""
+
+AT_REST = 0.1
+"""What is still to move at rest, as a part of the tolerance."""
 
 RESAMPLE = 0.02
 """Joint travel in units of Limits.scale after which a sampled sensitivity is taken anew."""
@@ -66,8 +87,10 @@ class InverseReport:
             measurement.
         active: Names of the limits that hold the increment back ("servo_0 upper", "servo_1 speed").
         reachable: False once the goal counts as unreachable.
-        status: "idle" (no goal), "moving", "reached", "unreachable"; or why nothing moves: "infeasible",
-            "not_converged" (the program), "diverged" (the model).
+        status: "idle" (no goal); "moving"; "limited" (moving, and held back by the limits of `active`);
+            "reached" (within the tolerance, and at rest there); "unreachable" (at rest, and no step within
+            the limits leads nearer); "stalled" (no nearer for long, though a step promises to lead there);
+            or why nothing moves: "infeasible", "not_converged" (the program), "diverged" (the model).
         kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
         sensitivity_age: Ticks in a row, this one included, in which the sensitivity could not be computed and
             the last one served instead (near a branch of equilibria there is none); 0: it is good.
@@ -127,10 +150,15 @@ class InverseController:
         self._sampled_at: Array | None = None
         self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
         self._sensitivity_age = 0
+        self._period = 0.0
+        self._measure_period()
         self._goal: Pose | None = None
         self._pose: Pose | None = None
+        self._velocities = self.model.velocities
+        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
+        self._lag = np.zeros(6)
         self._correction = np.zeros(6)
-        self._useless = 0
+        self._rested = 0.0
         self._damping = AdaptiveDamping(len(self.robot.joints), self.settings.lever)
 
     @property
@@ -147,6 +175,11 @@ class InverseController:
     def command(self) -> Array:
         """The last command in [rad] or [m], shape (j,)."""
         return self.model.joint_targets
+
+    @property
+    def slowest_period(self) -> float:
+        """Slowest period of the model in [s] where control was started, which limits the rate."""
+        return self._period
 
     @property
     def correction(self) -> Array:
@@ -177,6 +210,7 @@ class InverseController:
         place(self.model, wanted, shift)
         self._posture = self._posture_from(wanted)
         self._sampled_at = None
+        self._measure_period()
         self._forget()
 
     def set_goal(self, goal: Pose | None) -> None:
@@ -205,7 +239,7 @@ class InverseController:
                 )
             goal = Pose(position, quaternion / norm)
         if goal is None or self._goal is None or _differ(goal, self._goal):
-            self._useless = 0
+            self._rested = 0.0
             self._damping.rest()
         self._goal = goal
 
@@ -221,26 +255,23 @@ class InverseController:
         mismatch = self._learn(measured, before)
         solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
         task: Task | None = None
+        taken_up = np.zeros_like(self.command)
         if self._goal is None:
             self._sensitivity_age = 0
         else:
             task = task_for(self._corrected(self._goal), self.settings)
-            qp, qp_started = self._program(task, before)
-            solution = solve(qp)
+            self._sensitivity = self._renewed()
+            qp_started = perf_counter()
+            qp, taken_up = self._program(task, before)
+            solution = solve_taut(qp)
             qp_ms = 1e3 * (perf_counter() - qp_started)
-        diverged = not self._advance(solution.dq)
+        diverged = not self._advance(solution.dq + taken_up * (solution.status == "solved"))
         pose, residual = effector(self.model), (0.0, 0.0)
-        self._pose = pose
+        self._pose, self._moved, self._dq = pose, _difference(pose, before), solution.dq
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
-            residual = self._residual(self._goal, pose, measured)
-            distance = residual[0] + self.settings.lever * residual[1]
-            self._damping.learn(solution.dq / self.limits.scale, distance, there=self._is_there(residual))
-            if solution.status == "solved":
-                self._judge(task, before, solution)
-                status = self._progress(residual)
-            else:
-                status = solution.status
+            residual = self._residual(self._seen(pose, measured))
+            status = self._progress(task, before, self._seen(before, measured), residual, solution)
         if diverged:
             status = "diverged"
         return InverseReport(
@@ -251,38 +282,71 @@ class InverseController:
 
     # --- parts of a tick ---
 
-    def _program(self, task: Task, pose: Pose) -> tuple[QP, float]:
-        """The program of this tick, and when its building began (the sensitivity is not part of it)."""
-        self._sensitivity = self._renewed()
-        begun = perf_counter()
+    @property
+    def _pace(self) -> Pace:
+        """The shares of a tick at the present settings."""
+        solver, parameters = self.model.scene.solver, self.model.parameters
+        numerical = self.period if solver.time_integration == "implicit_euler" else 0.0
+        damping = parameters.rayleigh_mass, parameters.rayleigh_stiffness + numerical
+        return pace(self.settings.rate_at(self.period), self._period, damping, self.period)
+
+    def _measure_period(self) -> None:
+        """Learn the slowest period of the model where it is; what has no stable equilibrium keeps it."""
+        with suppress(np.linalg.LinAlgError, FactorisationError):
+            self._period = slowest_period(self.model)
+
+    def _program(self, task: Task, pose: Pose) -> tuple[QP, Array]:
+        """The program of this tick, and what takes up slack before its increments count, shape (j,)."""
+        shares, limits = self._pace, self.limits
+        robot, rows = linearised(self.model, self._sensitivity, limits)
+        most = np.minimum(limits.step, np.maximum(limits.upper - self.command, 0.0))
+        taken_up = np.clip(robot.joints - self.command, 0.0, most) if rows else np.zeros_like(most)
         qp = build(
-            [task], Linearisation(self._sensitivity, pose, self.command, self.model.joint_efforts),
-            self.limits, self.settings, gain=self.settings.gain, posture=self._posture,
-            damping=self._damping.at(self._sensitivity.effector * self.limits.scale),
+            [task], robot._replace(pose=pose, joints=self.command + taken_up), limits, self.settings,
+            aim=Aim(shares.approach, shares.full, -shares.catch_up * self._lag),
+            posture=self._posture, constraints=rows,
+            damping=self._damping.at(self._sensitivity.effector * limits.scale),
         )  # fmt: skip
-        return qp, begun
+        fastest = (limits.step - taken_up) / qp.scale
+        return qp._replace(
+            upper=np.minimum(qp.upper, fastest), at_upper=qp.at_upper & (qp.upper <= fastest)
+        ), taken_up
 
     def _renewed(self) -> Sensitivity:
-        """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older."""
-        sampled = self.settings.backend != "analytic"
-        last = self._sampled_at
-        if (
-            sampled
-            and last is not None
-            and (np.abs(self.command - last) / self.limits.scale).max() <= RESAMPLE
-        ):
-            return self._sensitivity
+        """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older.
+
+        With it the way is found that is left to the effector until it rests under the present commands: what
+        holds it back now are inertia and damping, which are loads on an equilibrium.
+        """
+        velocities, parameters = self.model.velocities, self.model.parameters
+        acceleration = (velocities - self._velocities) / self.period + parameters.rayleigh_mass * velocities
+        self._velocities = velocities
+        loads = self.model.model.momentum(acceleration) if acceleration.any() else None
         try:
-            fresh = sensitivity_of(self.model, self.settings)
-        except (np.linalg.LinAlgError, NotConvergedError):
+            fresh = self._sampled_or_analytic(loads)
+        except (np.linalg.LinAlgError, FactorisationError, NotConvergedError):
             fresh = None
-        if fresh is None or not (np.isfinite(fresh.effector).all() and np.isfinite(fresh.effort).all()):
+        if fresh is None or not all(
+            np.isfinite(part).all() for part in (fresh.effector, fresh.effort, fresh.loaded)
+        ):
             self._sensitivity_age += 1
+            self._lag = np.zeros(6)
             return self._sensitivity
         self._sensitivity_age = 0
-        if sampled:
-            self._sampled_at = self.command
+        speed = (self._moved - fresh.effector @ self._dq) / self.period
+        self._lag = fresh.loaded + parameters.rayleigh_stiffness * np.nan_to_num(speed)
         return fresh
+
+    def _sampled_or_analytic(self, loads: Array | None) -> Sensitivity:
+        """The sensitivity by the back end of the settings; a sampled one serves while joints are near."""
+        if self.settings.backend == "analytic":
+            return sensitivity_of(self.model, self.settings, loads)
+        last, here = self._sampled_at, self.command
+        if last is None or (np.abs(here - last) / self.limits.scale).max() > RESAMPLE:
+            self._sensitivity = sensitivity_of(self.model, self.settings)
+            self._sampled_at = here
+        loaded = analytic_sensitivity(self.model, loads=loads).loaded
+        return replace(self._sensitivity, loaded=loaded)
 
     def _advance(self, dq: Array) -> bool:
         """Step the model under the next command; False: it diverged, and the command stays."""
@@ -296,23 +360,43 @@ class InverseController:
             return False
         return True
 
-    def _judge(self, task: Task, pose: Pose, solution: Solution) -> None:
-        """Count the steps in a row that hardly shorten the error although speed does not hold them back."""
-        settings = self.settings
-        near = settings.gain * limited(task.error(pose), task.angular, settings.max_shift, settings.max_turn)
-        left = near - task.jacobian(self._sensitivity.effector, pose) @ solution.dq
-        wanted, remains = (math.sqrt(v @ v) for v in (task.weights * near, task.weights * left))
-        rushing = any(name.endswith(" speed") for name in solution.active)
-        self._useless = self._useless + 1 if remains > (1.0 - USELESS) * wanted and not rushing else 0
-
-    def _progress(self, residual: tuple[float, float]) -> InverseStatus:
-        if self._is_there(residual):
+    def _progress(
+        self, task: Task, before: Pose, seen: Pose, residual: tuple[float, float], solution: Solution
+    ) -> InverseStatus:
+        """Take note of a tick towards the goal, and say how it goes."""
+        settings, shares = self.settings, self._pace
+        left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # until it rests
+        there = self._is_there(residual) and self._is_there(left)
+        ends = self._residual(_shifted(seen, self._lag))
+        weight = shares.approach / shares.full
+        distance = ends[0] + settings.lever * ends[1]
+        self._damping.learn(solution.dq / self.limits.scale, distance, there=there, weight=weight)
+        if solution.status != "solved":
+            self._rested = 0.0
+            return solution.status
+        steps = self._moved, self._sensitivity.effector @ solution.dq  # of the body, and of where it rests
+        to_come = [task.jacobian((each / shares.approach)[:, None], before)[:, 0] for each in steps]
+        rests = all(self._is_there(each, AT_REST) for each in (left, *(lengths(task, e) for e in to_come)))
+        self._rested = self._rested + weight if rests else 0.0
+        if there:
             return "reached"
-        missed = self._useless >= PATIENCE or self._damping.stalled >= PATIENCE_STALLED
-        return "unreachable" if missed else "moving"
+        if self._rested >= PATIENCE and self._is_nearest(task, before):
+            return "unreachable"
+        if max(self._rested, self._damping.stalled) >= PATIENCE_STALLED:
+            return "stalled"
+        return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
 
-    def _is_there(self, residual: tuple[float, float]) -> bool:
-        return residual[0] <= self.settings.tolerance and residual[1] <= self.settings.tolerance_turn
+    def _is_nearest(self, task: Task, pose: Pose) -> bool:
+        """Whether no step within the limits, however long it takes, leads nearer."""
+        if self._sensitivity_age:
+            return False
+        far = far_limits(self.limits)
+        robot, rows = linearised(self.model, self._sensitivity, far)
+        return is_optimal([task], robot._replace(pose=pose), rows, far, self.settings)
+
+    def _is_there(self, residual: tuple[float, float], part: float = 1.0) -> bool:
+        settings = self.settings
+        return residual[0] <= part * settings.tolerance and residual[1] <= part * settings.tolerance_turn
 
     # --- feedback ---
 
@@ -321,7 +405,7 @@ class InverseController:
         if measured is None:
             return 0.0, 0.0
         seen = _difference(measured, pose)
-        share = 1.0 - math.exp(-self.settings.feedback_gain * self.period)
+        share = 1.0 - math.exp(-min(self.settings.feedback_gain, self._pace.rate) * self.period)
         for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
             if np.isfinite(seen[part]).all():
                 learned = self._correction[part] + share * (seen[part] - self._correction[part])
@@ -336,15 +420,20 @@ class InverseController:
         turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
         return Pose(goal.position - self._correction[:3], quaternion_of(turned))
 
-    def _residual(self, goal: Pose, pose: Pose, measured: Pose | None) -> tuple[float, float]:
-        """Distance in [m] and [rad] from the goal: of what is measured, else of the model."""
-        if measured is not None:
-            position, quaternion = measured.position, measured.quaternion_xyzw
-            pose = Pose(
-                position if np.isfinite(position).all() else pose.position,
-                quaternion if np.isfinite(quaternion).all() else pose.quaternion_xyzw,
-            )
-        return residuals([task_for(goal, self.settings)], pose)
+    def _seen(self, pose: Pose, measured: Pose | None) -> Pose:
+        """What is measured of the effector; else the model's pose."""
+        if measured is None:
+            return pose
+        position, quaternion = measured.position, measured.quaternion_xyzw
+        return Pose(
+            position if np.isfinite(position).all() else pose.position,
+            quaternion if np.isfinite(quaternion).all() else pose.quaternion_xyzw,
+        )
+
+    def _residual(self, pose: Pose) -> tuple[float, float]:
+        """Distance of a pose in [m] and [rad] from the goal."""
+        assert self._goal is not None
+        return residuals([task_for(self._goal, self.settings)], pose)
 
     def _posture_from(self, joints: Array) -> Array:
         name = self.settings.posture
@@ -354,8 +443,11 @@ class InverseController:
         """Begin anew, at rest and without goal."""
         self._goal = None
         self._pose = None
+        self._velocities = self.model.velocities
+        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
+        self._lag = np.zeros(6)
         self._sensitivity_age = 0
-        self._useless = 0
+        self._rested = 0.0
         self._correction = np.zeros(6)
         self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
 
@@ -374,7 +466,9 @@ class InverseController:
             "idle": "no goal, holding",
             "moving": f"on the way, {away} away",
             "reached": f"at the goal, {away} away",
+            "limited": f"on the way, {away} away{held}",
             "unreachable": f"unreachable, {away} away{held}",
+            "stalled": f"no nearer for a while, {away} away{held}; give another goal, or start elsewhere",
             "infeasible": "no joint step keeps all limits, holding; widen them or start elsewhere",
             "not_converged": "the joint step could not be solved for, holding",
             "diverged": "the model diverged, holding; start again from the robot's joints",
@@ -385,6 +479,12 @@ class InverseController:
         if self.settings.feedback_gain == 0.0 and any(mismatch):
             return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
         return sentence
+
+
+def _shifted(pose: Pose, displacement: Array) -> Pose:
+    """A pose moved by a shift in [m] and a rotation vector in [rad], shape (6,)."""
+    turned = rotation_exp(displacement[3:]) @ rotation_of(pose.quaternion_xyzw)
+    return Pose(pose.position + displacement[:3], quaternion_of(turned))
 
 
 def _differ(goal: Pose, other: Pose) -> bool:

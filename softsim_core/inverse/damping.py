@@ -47,13 +47,13 @@ class AdaptiveDamping:
         self.rest()
 
     @property
-    def stalled(self) -> int:
+    def stalled(self) -> float:
         """Ticks in a row, up to LONGEST, that brought a missed goal no nearer than ever."""
         return self._stalled
 
     def rest(self) -> None:
         """Another goal: what was learned about the last one is forgotten."""
-        self._share, self._stalled, self._best = LEAST, 0, math.inf
+        self._share, self._stalled, self._best = LEAST, 0.0, math.inf
 
     def at(self, effector: Array) -> float:
         """Damping in [m^2] of a program with this sensitivity of the effector per Limits.scale, (6, j)."""
@@ -62,16 +62,17 @@ class AdaptiveDamping:
         self._curvature = max(self._curvature, curvature)
         return self._share * self._curvature
 
-    def learn(self, dq: Array, distance: float, *, there: bool) -> None:
+    def learn(self, dq: Array, distance: float, *, there: bool, weight: float = 1.0) -> None:
         """Take note of a tick; without progress towards a missed goal the damping only grows.
 
         Args:
             dq: Its increments in units of Limits.scale, shape (j,).
             distance: From the goal after it in [m], an angle counted at the lever.
             there: Whether that counts as reached.
+            weight: Of the tick among those without progress: less than 1 where slow modes want patience.
         """
         progress = there or distance < (1.0 - PROGRESS) * self._best
-        self._stalled = 0 if progress else min(self._stalled + 1, LONGEST)
+        self._stalled = 0.0 if progress else min(self._stalled + weight, LONGEST)
         self._best = min(self._best, distance)
         noticeable = min(float(np.abs(dq).max()), float(np.abs(self._last).max())) > NOISE
         if noticeable and float(dq @ self._last) < 0.0:

@@ -1,9 +1,10 @@
 """One step of differential inverse kinematics as a quadratic program in the joint increments dq.
 
-    minimise    1/2 |W (e - J dq)|^2 + 1/2 a |tau + T dq|^2 + 1/2 b |q + dq - q_posture|^2 + 1/2 c |dq|^2
+    minimise    1/2 |W (s e - J dq)|^2 + 1/2 a |s tau + T dq|^2 + 1/2 b |s (q - q_p) + dq|^2 + 1/2 c |dq|^2
     subject to  lower <= dq <= upper,    G dq <= h
 
-e is the tasks' error, J its derivative, tau the joint efforts, T their derivative. The bounds keep joint
+e is the tasks' error, s the share of it to take away, J its derivative, tau the joint efforts, T their
+derivative, q_p the posture; a and b stay below the least curvature of the tasks. The bounds keep joint
 interval and speed, the rows keep torque limits and whatever else is given (contacts). c (Levenberg-Marquardt)
 slows a step and moves no equilibrium. Increments count in units of their joints, see Limits.scale: volumes in
 m^3 and pressures in Pa stand ten orders of magnitude apart.
@@ -24,11 +25,33 @@ from softsim_core.mechanics.pose import Pose
 from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.description import SceneDescription
 
-FLOOR = 1e-12
-"""Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex."""
+FLOOR = 1e-10
+"""Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex, also
+where joints do the same and their efforts differ by orders of magnitude."""
 
+
+NOTHING = 1e-8
+"""Curvature below this part of the largest one counts as none: joints can do the same."""
 
 _ONE = np.ones(1)
+
+
+class Aim(NamedTuple):
+    """What one step shall do about the error.
+
+    Attributes:
+        share: Of the error to take away, > 0.
+        full: Share with which the largest error counts that the settings look at.
+        ahead: Displacement of the effector to add to that in [m] and [rad], shape (6,); None: none.
+    """
+
+    share: float = 1.0
+    full: float = 1.0
+    ahead: Array | None = None
+
+
+WHOLE = Aim()
+"""All of the error at once."""
 
 
 class Linearisation(NamedTuple):
@@ -131,7 +154,7 @@ def build(
     limits: Limits,
     settings: InverseSettings,
     *,
-    gain: float = 1.0,
+    aim: Aim = WHOLE,
     posture: Array | None = None,
     damping: float = 0.0,
     constraints: Sequence[Constraint] = (),
@@ -143,7 +166,7 @@ def build(
         robot: Where it is, and how it answers.
         limits: Of the joints.
         settings: Weights and limits of the target.
-        gain: Share of the error to take away.
+        aim: How much of the error to take away.
         posture: q_posture in [rad] or [m], shape (j,); needed with a posture weight.
         damping: c in [m^2/rad^2] or [-], >= 0.
         constraints: Further rows.
@@ -153,26 +176,24 @@ def build(
     P, q = np.zeros((size, size)), np.zeros(size)
     for task in tasks:
         J = task.weights[:, None] * task.jacobian(sensitivity.effector, current) * unit
-        e = task.error(current)
-        near = limited(e, task.angular, settings.max_shift, settings.max_turn)
         P += J.T @ J
-        q -= (gain * task.weights * near) @ J
-    scale = max(float(P.trace()) / size, 1e-300)
+        q -= (task.weights * wanted(task, current, settings, aim)) @ J
+    scale, least = max(float(P.trace()) / size, 1e-300), _least_curvature(P)
     T = sensitivity.effort * unit
     if settings.effort_weight > 0.0:
         square = T.T @ T
-        weight = settings.effort_weight * scale * size / max(float(square.trace()), 1e-300)
+        weight = settings.effort_weight * least * size / max(float(square.trace()), 1e-300)
         P += weight * square
-        q += weight * (efforts @ T)
+        q += aim.share * weight * (efforts @ T)
     if settings.posture_weight > 0.0 and posture is not None:
-        weight = settings.posture_weight * scale
+        weight = settings.posture_weight * least
         P.flat[:: size + 1] += weight
-        q += weight * (joints - posture) / unit
+        q += aim.share * weight * (joints - posture) / unit
     P.flat[:: size + 1] += scale * FLOOR + damping
     scale = max(float(P.trace()) / size, 1e-300)
 
     back, forth, slow = limits.lower - joints, limits.upper - joints, -limits.step
-    torques = torque_rows(sensitivity.effort, efforts, limits, gain)
+    torques = torque_rows(sensitivity.effort, efforts, limits, aim.share)
     rows = [torques, *constraints]
     return QP(
         P / scale,
@@ -186,6 +207,21 @@ def build(
         sum((each.names for each in rows), limits.names),
         unit,
     )
+
+
+def _least_curvature(P: Array) -> float:
+    """The least eigenvalue of a positive semidefinite matrix that is not rounding, > 0."""
+    values = np.linalg.eigvalsh(P)
+    return max(float(values[values >= NOTHING * values[-1]][0]), 1e-300)
+
+
+def wanted(task: Task, current: Pose, settings: InverseSettings, aim: Aim = WHOLE) -> Array:
+    """What of a task's error one step shall take away in [m] and [rad], shape (k,)."""
+    most = aim.full / aim.share
+    near = aim.share * limited(
+        task.error(current), task.angular, most * settings.max_shift, most * settings.max_turn
+    )
+    return near if aim.ahead is None else near + task.jacobian(aim.ahead[:, None], current)[:, 0]
 
 
 def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> Constraint:

@@ -10,7 +10,7 @@ Source: implicit function theorem on the equilibrium of softsim_core.dynamics.st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
@@ -19,6 +19,7 @@ from softsim_core.actuation.joint_drive import drive_stiffness
 from softsim_core.arrays import Array
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.pose import rotation_log
+from softsim_core.mechanics.rows import Rows, no_rows
 from softsim_core.simulation import Simulation
 
 
@@ -29,13 +30,17 @@ class Sensitivity:
     Attributes:
         effector: Shift in [m] and spin in [rad] (world axes) of the effector a unit of each command, (6, j).
         effort: Change of the joint efforts in [N m] or [N] a unit of each command, (j, j).
+        loaded: Shift in [m] and spin in [rad] of the effector under the loads that were asked about, (6,).
     """
 
     effector: Array
     effort: Array
+    loaded: Array = field(default_factory=lambda: np.zeros(6))
 
 
-def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None = None) -> Sensitivity:
+def analytic_sensitivity(
+    simulation: Simulation, contact_stiffness: Array | None = None, loads: Array | None = None
+) -> Sensitivity:
     """Sensitivity effector = -S_ff^-1 S_fj, effort = S_jj - S_jf S_ff^-1 S_fj, at rest or moving.
 
     Exact for the law `polar`. For `qr` the compiled step takes the derivative of `polar` at the same state:
@@ -46,6 +51,7 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
         simulation: With at least one joint and an end effector.
         contact_stiffness: What contacts that hold now add to the stiffness of the reduced coordinates, shape
             (b, b), in the order of Simulation.reduced_stiffness; None: none.
+        loads: Forces in [N] on the nodes, shape (n, 3), whose effect on the effector is wanted; None: none.
 
     Raises:
         SceneError: no end effector.
@@ -53,23 +59,28 @@ def analytic_sensitivity(simulation: Simulation, contact_stiffness: Array | None
     """
     first = 6 * _effector_index(simulation)
     model = simulation.model
-    stiffness = simulation.reduced_stiffness()
+    rows = no_rows() if loads is None else Rows(np.array([0, len(loads)]), np.arange(len(loads)), loads)
+    stiffness, arriving, _ = simulation.condensed_tangent(rows)
     if contact_stiffness is not None:
         stiffness = stiffness + contact_stiffness
     frames = 6 * len(model.frame_names)
     coupling = stiffness[:frames, frames:]
-    _, _, follow, singular = dgesv(stiffness[:frames, :frames], -coupling)
+    _, _, answer, singular = dgesv(stiffness[:frames, :frames], np.hstack([-coupling, arriving[:frames]]))
     if singular:
         raise np.linalg.LinAlgError("the effector has no stiffness here")
+    follow, loaded = answer[:, : coupling.shape[1]], answer[:, coupling.shape[1] :].sum(axis=1)
     effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
     if len(model.compliant_joints):
         drive = drive_stiffness(model)
-        moved = np.linalg.solve(*_driven(effort, drive))
+        matrix, commanded = _driven(effort, drive)
+        pushed = (arriving[frames:] + follow.T @ arriving[:frames]).sum(axis=1)
+        loaded = loaded + follow @ np.linalg.solve(matrix, np.where(drive > 0.0, pushed, 0.0))
+        moved = np.linalg.solve(matrix, commanded)
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
     gains = simulation.command_gains()
     given = gains == 0.0  # these command their effort
     effort = np.where(given[:, None], np.eye(len(gains)), effort / np.where(given, 1.0, gains)[:, None])
-    return Sensitivity(follow[first : first + 6], effort)
+    return Sensitivity(follow[first : first + 6], effort, loaded[first : first + 6])
 
 
 def sampled_sensitivity(simulation: Simulation, step: float | Array = 1e-3) -> Sensitivity:

@@ -33,6 +33,9 @@ ENDLESS = 1e30
 
 _INFEASIBLE = -1
 
+WAYS = ((1e-11, 0.0), (1e-9, 1e-6), (1e-7, 1e-4))
+"""Primal tolerances and proximal weights of daqp, exact first: limits that nearly say the same want more."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
@@ -84,19 +87,24 @@ def _by_active_set(qp: QP) -> Solution:
     lower = np.concatenate([qp.lower, np.full(len(qp.h), -np.inf)])
     if (lower > upper).any():
         return _nothing(qp, "infeasible")
-    x, _, flag, info = need_daqp().solve(
-        qp.P, qp.q, qp.G, np.minimum(upper, ENDLESS), np.maximum(lower, -ENDLESS),
-        np.zeros(len(upper), np.int32), primal_tol=1e-11, eps_prox=0.0,
-    )  # fmt: skip
-    if flag == _INFEASIBLE:
-        return _nothing(qp, "infeasible")
-    multipliers = np.asarray(info["lam"], dtype=float)
-    polished = _polish(qp, multipliers)
-    if polished is not None:
-        solution = _checked(qp, *polished)
-        if solution.status == "solved":
-            return solution
-    return _checked(qp, np.asarray(x, dtype=float), multipliers)
+    solution = _nothing(qp, "not_converged")
+    for tolerance, proximal in WAYS:
+        x, _, flag, info = need_daqp().solve(
+            qp.P, qp.q, qp.G, np.minimum(upper, ENDLESS), np.maximum(lower, -ENDLESS),
+            np.zeros(len(upper), np.int32), primal_tol=tolerance, eps_prox=proximal,
+        )  # fmt: skip
+        if flag == _INFEASIBLE:
+            if not solution.kkt_residual < math.inf:
+                solution = _nothing(qp, "infeasible")
+            continue
+        multipliers = np.asarray(info["lam"], dtype=float)
+        polished = _polish(qp, multipliers)
+        for candidate in (polished, (np.asarray(x, dtype=float), multipliers)):
+            if candidate is not None:
+                solution = _checked(qp, *candidate)
+                if solution.status == "solved":
+                    return solution
+    return solution
 
 
 def _checked(qp: QP, dq: Array, multipliers: Array) -> Solution:

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
 from softsim_core.arrays import Array
 from softsim_core.errors import NotConvergedError, SolverDivergedError
-from softsim_core.inverse.problem import Limits, Linearisation, build, scales
+from softsim_core.inverse.problem import QP, Constraint, Limits, Linearisation, build, scales, wanted
 from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.inverse.solver import Solution, solve
 from softsim_core.inverse.tasks import Task
@@ -27,8 +28,11 @@ from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
 from softsim_core.simulation import Simulation
 
-MOST_STEPS = 10
-"""Quadratic programs of one search, unless told otherwise."""
+MOST_STEPS = 30
+"""Quadratic programs of one search, unless told otherwise; ten are usual, several tendons want more."""
+
+USELESS = 0.02
+"""A whole step that would shorten the error by less than this part of it leads nowhere."""
 
 STEP_SHARE = 0.5
 """Part of a joint's interval that the first step may cross."""
@@ -54,8 +58,20 @@ SLIDE = 0.002
 AT_REST = 1e-8
 """A walk ends when no node is faster than this, in [m/s]."""
 
+LOOSE = 1e-6
+"""How far in [m] many tendons that say nearly the same may be from taut, where no program keeps all so."""
+
+SLACK = " slack"
+"""Ends the names of rows that keep a tendon taut."""
+
 LONGEST_REST = 300
 """Or after this many time steps at its end."""
+
+
+WIDE: Final = 1e3
+"""In [m] and [rad]: the step of a search is limited, not its target."""
+
+PoseStatus: TypeAlias = Literal["reached", "unreachable", "gave_up", "stalled", "infeasible", "not_converged"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,10 +83,12 @@ class PoseSolution:
         pose: The effector there, at rest.
         residual_m, residual_rad: Length of the error in [m] and in [rad] over the tasks' coordinates.
         iterations: Quadratic programs solved.
-        reachable: Whether the residual is within the settings' tolerance.
+        reachable: Whether the residual is within the settings' tolerance: True only where it was shown.
         kkt_residual: Of the last program, in [rad] or [m].
         active: Names of the limits that hold the last step back.
-        status: Of the last program, see Solution.
+        status: "reached" (within the settings' tolerance); "unreachable" (no step within the limits leads
+            nearer); "gave_up" (the programs ran out); "stalled" (a step promises to lead nearer, and none
+            does); "infeasible" or "not_converged" (the last program, see Solution).
     """
 
     joints: Array
@@ -81,7 +99,7 @@ class PoseSolution:
     reachable: bool
     kkt_residual: float
     active: tuple[str, ...]
-    status: str
+    status: PoseStatus
 
 
 def solve_pose(
@@ -116,9 +134,7 @@ def solve_pose(
     scene = simulation.scene
     settings = simulation.robot.inverse if settings is None else settings
     goals = list(tasks) if isinstance(tasks, Sequence) else [tasks]
-    limits = Limits.of(scene, settings, 1.0)
-    span = limits.upper - limits.lower
-    limits = replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP * limits.scale))
+    limits = far_limits(Limits.of(scene, settings, 1.0))
     joints = limits.clamp(simulation.joint_targets if start is None else np.asarray(start, dtype=float))
     if not np.array_equal(joints, simulation.joint_targets):
         simulation.settle(joints)
@@ -128,20 +144,20 @@ def solve_pose(
 def _search(
     simulation: Simulation, tasks: list[Task], settings: InverseSettings, limits: Limits, most_steps: int
 ) -> PoseSolution:
-    wide = replace(settings, max_shift=1e3, max_turn=1e3)  # the step is limited, not the target
+    wide = replace(settings, max_shift=WIDE, max_turn=WIDE)
     joints = posture = simulation.joint_targets
     if settings.posture is not None:
         posture = np.array(simulation.robot.poses[settings.posture])
     reach, done, solution = limits, 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
     sensitivity, before = sensitivity_of(simulation, settings), _length(tasks, effector(simulation))
     while done < most_steps:
-        here = Linearisation(sensitivity, effector(simulation), joints, simulation.joint_efforts)
-        qp = build(tasks, here, reach, wide, posture=posture)
-        solution, done = solve(qp), done + 1
+        here, rows = linearised(simulation, sensitivity, limits)
+        qp = build(tasks, here, reach, wide, posture=posture, constraints=rows)
+        solution, done = solve_taut(qp), done + 1
         step = float((np.abs(solution.dq) / limits.scale).max(initial=0.0))
         if solution.status != "solved" or step == 0.0:
             break
-        trial, back = limits.clamp(joints + solution.dq), simulation.snapshot()
+        trial, back = limits.clamp(here.joints + solution.dq), simulation.snapshot()
         worse = not _goes(simulation, trial)
         after = before if worse else _length(tasks, effector(simulation))
         if worse or (after > before and step > CERTAIN):
@@ -155,7 +171,76 @@ def _search(
         sensitivity = sensitivity_of(simulation, settings)
     if simulation.compiled:
         _settles(simulation, joints)
-    return _result(simulation, tasks, settings, joints, done, solution)
+    pose = effector(simulation)
+    shift, turn = residuals(tasks, pose)
+    reachable = shift <= settings.tolerance and turn <= settings.tolerance_turn
+    status: PoseStatus = "stalled"
+    if reachable:
+        status = "reached"
+    elif solution.status != "solved":
+        status = solution.status
+    elif is_optimal(tasks, *linearised(simulation, sensitivity, limits), limits, settings):
+        status = "unreachable"
+    elif done >= most_steps:
+        status = "gave_up"
+    return PoseSolution(
+        joints, pose, shift, turn, done, reachable, solution.kkt_residual, solution.active, status
+    )
+
+
+def linearised(
+    simulation: Simulation, sensitivity: Sensitivity, limits: Limits
+) -> tuple[Linearisation, list[Constraint]]:
+    """A robot as programs of a search see it, slack taken up, and rows that keep tendons from pushing.
+
+    Sensitivities take a tendon to be taut: with tau + T dq >= 0 it stays so. A pose with slack tendons is
+    one with tendons that are just taut, too.
+    """
+    taut, pulls = simulation.taut_commands()
+    efforts = simulation.joint_efforts
+    robot = Linearisation(sensitivity, effector(simulation), limits.clamp(taut), efforts)
+    size = np.maximum(np.linalg.norm(sensitivity.effort, axis=1), 1e-300)
+    names = tuple(f"{name}{SLACK}" for name, pull in zip(limits.names, pulls, strict=True) if pull)
+    rows = Constraint(
+        -(sensitivity.effort / size[:, None])[pulls], (np.maximum(efforts, 0.0) / size)[pulls], names
+    )
+    return robot, [] if rows.inactive else [rows]
+
+
+def solve_taut(qp: QP) -> Solution:
+    """The increments of a program whose tendons stay taut; where none do exactly, about so."""
+    solution = solve(qp)
+    slack = np.array([name.endswith(SLACK) for name in qp.names[len(qp.q) :]])
+    if solution.status == "solved" or not slack.any():
+        return solution
+    return solve(qp._replace(h=qp.h + LOOSE * slack))
+
+
+def is_optimal(
+    tasks: Sequence[Task],
+    robot: Linearisation,
+    rows: Sequence[Constraint],
+    limits: Limits,
+    settings: InverseSettings,
+) -> bool:
+    """Whether no step within limits shortens the error noticeably: a point where the KKT conditions hold.
+
+    Args:
+        tasks: The goal.
+        robot: At rest, see `linearised`.
+        rows: That belong to it.
+        limits: Of a step.
+        settings: Their weights on efforts and posture, which an error may be traded for, do not count.
+    """
+    alone = replace(settings, effort_weight=0.0, posture_weight=0.0, max_shift=WIDE, max_turn=WIDE)
+    solution = solve_taut(build(tasks, robot, limits, alone, constraints=rows))
+    before = after = 0.0
+    for task in tasks:
+        error = wanted(task, robot.pose, alone)
+        left = error - task.jacobian(robot.sensitivity.effector, robot.pose) @ solution.dq
+        before += float(((task.weights * error) ** 2).sum())
+        after += float(((task.weights * left) ** 2).sum())
+    return solution.status == "solved" and after > (1.0 - USELESS) ** 2 * before
 
 
 def _goes(simulation: Simulation, joints: Array) -> bool:
@@ -182,18 +267,6 @@ def _length(tasks: Sequence[Task], pose: Pose) -> float:
     return float(np.sqrt(sum(float(((task.weights * task.error(pose)) ** 2).sum()) for task in tasks)))
 
 
-def _result(
-    simulation: Simulation, tasks: list[Task], settings: InverseSettings, joints: Array, done: int,
-    solution: Solution,
-) -> PoseSolution:  # fmt: skip
-    pose = effector(simulation)
-    shift, turn = residuals(tasks, pose)
-    reachable = shift <= settings.tolerance and turn <= settings.tolerance_turn
-    return PoseSolution(
-        joints, pose, shift, turn, done, reachable, solution.kkt_residual, solution.active, solution.status
-    )
-
-
 def residuals(tasks: Sequence[Task], pose: Pose) -> tuple[float, float]:
     """Lengths of the errors that are lengths [m] and that are angles [rad], unweighted.
 
@@ -201,12 +274,21 @@ def residuals(tasks: Sequence[Task], pose: Pose) -> tuple[float, float]:
     """
     shift = turn = 0.0
     for task in tasks:
-        for error, angular, weight in zip(task.error(pose), task.angular, task.weights, strict=True):
-            if weight > 0.0 and angular:
-                turn += float(error) ** 2
-            elif weight > 0.0:
-                shift += float(error) ** 2
+        parts = lengths(task, task.error(pose))
+        shift, turn = shift + parts[0] ** 2, turn + parts[1] ** 2
     return float(np.sqrt(shift)), float(np.sqrt(turn))
+
+
+def lengths(task: Task, values: Array) -> tuple[float, float]:
+    """Lengths in [m] and [rad] of values of a task's coordinates (k,); those of weight 0 do not count."""
+    counts, angular = task.weights > 0.0, np.array(task.angular)
+    return float(np.linalg.norm(values[counts & ~angular])), float(np.linalg.norm(values[counts & angular]))
+
+
+def far_limits(limits: Limits) -> Limits:
+    """Limits of a step that speed does not hold back, but what a linearisation is good for."""
+    span = limits.upper - limits.lower
+    return replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP * limits.scale))
 
 
 def effector(simulation: Simulation) -> Pose:
@@ -216,10 +298,12 @@ def effector(simulation: Simulation) -> Pose:
     return pose
 
 
-def sensitivity_of(simulation: Simulation, settings: InverseSettings) -> Sensitivity:
-    """Derivatives by the back end that the settings name."""
+def sensitivity_of(
+    simulation: Simulation, settings: InverseSettings, loads: Array | None = None
+) -> Sensitivity:
+    """Derivatives by the back end that the settings name; `loads` (n, 3) in [N] as analytic_sensitivity."""
     if settings.backend == "analytic":
-        return analytic_sensitivity(simulation)
+        return analytic_sensitivity(simulation, loads=loads)
     return sampled_sensitivity(simulation, SAMPLE * scales(simulation.scene))
 
 

@@ -52,10 +52,17 @@ def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) 
     """Refuse a command that says more than positions, which nothing here obeys.
 
     Raises:
-        CommandError: it has velocities or efforts.
+        CommandError: it has velocities or efforts that are neither 0 nor NaN.
     """
-    if len(velocities) or len(efforts):
-        raise _refused("only positions are taken; leave velocity and effort empty")
+    if says_something(velocities) or says_something(efforts):
+        raise _refused(
+            "only positions are taken; leave velocity and effort empty, or fill them with NaN or 0"
+        )
+
+
+def says_something(values: Sequence[float]) -> bool:
+    """Whether any of the values of an optional field is neither 0 nor NaN."""
+    return any(value != 0.0 and not math.isnan(value) for value in values)
 
 
 def check_age(given_s: float, now_s: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import string
+import warnings
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
@@ -82,9 +83,12 @@ class InverseSettings:
         position_weights: Weight of the error along world x, y, z in [-], >= 0.
         orientation_weights: Weight of the rotation error about world x, y, z in [-], >= 0.
         lever: Length in [m] with which an angle counts as a displacement beside positions, > 0.
-        gain: Share of the error that one control tick takes away, in (0, 1].
-        max_shift: Largest position error in [m] along an axis that a tick looks at, > 0.
-        max_turn: Largest rotation error in [rad] about an axis that a tick looks at, > 0.
+        rate: Largest rate in [1/s] at which the error is taken away, > 0; a robot with a long slowest period
+            is controlled at what that allows.
+        gain: Deprecated, see `rate`: share of the error that one control tick takes away, in (0, 1].
+        max_shift: Largest position error in [m] along an axis that a tick looks at, > 0; of a robot that is
+            controlled at a lower rate as much more, so that a tick asks for the same displacement.
+        max_turn: Largest rotation error in [rad] about an axis that a tick looks at, > 0; likewise.
         effort_weight: Weight of small joint efforts against tracking in [-], >= 0; decides between joints
             that can do the same.
         posture_weight: Weight of staying near `posture` against tracking in [-], >= 0.
@@ -104,7 +108,8 @@ class InverseSettings:
     position_weights: Vector = (1.0, 1.0, 1.0)
     orientation_weights: Vector = (1.0, 1.0, 1.0)
     lever: float = 0.03
-    gain: float = 0.5
+    rate: float = 70.0
+    gain: float | None = None
     max_shift: float = 0.030
     max_turn: float = 0.2
     effort_weight: float = 1.0e-6
@@ -122,7 +127,7 @@ class InverseSettings:
     tolerance_turn: float = 1.0e-3
 
     def __post_init__(self) -> None:
-        units = (("lever", "m"), ("max_shift", "m"), ("max_turn", "rad"), ("tolerance", "m"))
+        units = (("lever", "m"), ("rate", "1/s"), ("max_shift", "m"), ("max_turn", "rad"), ("tolerance", "m"))
         for name, unit in (*units, ("tolerance_turn", "rad"), ("speed", ""), ("torque_limit", "")):
             value = getattr(self, name)
             if value is not None:
@@ -139,10 +144,22 @@ class InverseSettings:
         for name in ("position_weights", "orientation_weights"):
             if not all(0.0 <= weight < math.inf for weight in getattr(self, name)):
                 raise FieldError("inverse", name, list(getattr(self, name)), "three numbers >= 0")
-        if not 0.0 < self.gain <= 1.0:
-            raise FieldError("inverse", "gain", self.gain, "> 0 and <= 1")
+        if self.gain is not None:
+            if not 0.0 < self.gain <= 1.0:
+                raise FieldError("inverse", "gain", self.gain, "> 0 and <= 1")
+            warnings.warn(
+                f"inverse.gain = {self.gain:g} is deprecated: a share of one tick is another speed at each "
+                "dt; write `rate` in 1/s instead, -ln(1 - gain) / dt",
+                stacklevel=2,
+            )
         for name in ("lower", "upper"):
             if math.isnan(getattr(self, name) or 0.0):
                 raise FieldError("inverse", name, math.nan, "a number (or absent)")
         if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
             raise FieldError("inverse", "lower", self.lower, f"<= upper = {self.upper}")
+
+    def rate_at(self, dt: float) -> float:
+        """The rate in [1/s] for ticks of dt [s]: `rate`, or what `gain` amounts to."""
+        if self.gain is None:
+            return self.rate
+        return math.inf if self.gain == 1.0 else -math.log1p(-self.gain) / dt

@@ -23,7 +23,7 @@ from softsim_core.dynamics.iterations import IteratedStepper
 from softsim_core.dynamics.keeping_step import KeepingStepper
 from softsim_core.dynamics.report import ContactReport, StepReport
 from softsim_core.dynamics.static_response import StaticResponse, response_of
-from softsim_core.dynamics.stepper import Stepper
+from softsim_core.dynamics.stepper import Condensed, Stepper
 from softsim_core.dynamics.substeps import SubstepStepper, torn_by_rough_steps
 from softsim_core.dynamics.viscous_step import ViscousStepper, relaxing_groups
 from softsim_core.errors import SceneError
@@ -285,6 +285,14 @@ class SceneState:
         """
         return reduced_stiffness(self._stepper, self._state, self.parameters, self.forces)
 
+    def condensed_tangent(self, rows: Rows) -> Condensed:
+        """`reduced_stiffness`, and what forces on rows do beside it; see Condensed.
+
+        Raises:
+            FactorisationError: the free nodes have no equilibrium that stays.
+        """
+        return condensed(self._stepper, self._state, self.parameters, self.forces, rows)
+
     def static_response(self, rows: Rows) -> StaticResponse:
         """How the equilibrium near the present state moves with joint commands and with forces on rows.
 
@@ -292,8 +300,7 @@ class SceneState:
             FactorisationError: the free nodes have no equilibrium that stays.
             LinAlgError: frames or joints have none.
         """
-        tangent = condensed(self._stepper, self._state, self.parameters, self.forces, rows)
-        return response_of(self.model, tangent)
+        return response_of(self.model, self.condensed_tangent(rows))
 
     def region_motion(self) -> list[tuple[IndexArray, Array]]:
         """Nodes (a,) of each rigid region that moves, and their shift per unit of each frame's and joint's.

@@ -12,8 +12,9 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, BoolArray
 from softsim_core.dynamics import Backend
+from softsim_core.dynamics.actuator_statics import taut_commands
 from softsim_core.dynamics.contact_step import runaway_speed
 from softsim_core.dynamics.report import nothing
 from softsim_core.dynamics.statics import StaticSolution, solve_static
@@ -170,6 +171,10 @@ class Simulation(SceneState):
     def joint_targets(self) -> Array:
         """The last accepted command, after clamping, in [rad] or [m], shape (j,)."""
         return self._drive.targets.copy()
+
+    def taut_commands(self) -> tuple[Array, BoolArray]:
+        """Commands (j,) that leave everything where it is with no actuator slack, and which could be (j,)."""
+        return taut_commands(self._stepper, self._state, self.joint_targets)
 
     @property
     def enforce_limits(self) -> bool:

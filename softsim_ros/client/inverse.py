@@ -15,7 +15,7 @@ from softsim_ros.client.known import Known
 from softsim_ros.client.services import Done, Outcome, Request, unheeded
 from softsim_ros.client.state import STALE_AFTER_S, EffectorPose, with_inverse
 from softsim_ros.messages import pose_stamped
-from softsim_ros.qos import NEWEST_ONLY
+from softsim_ros.qos import MEASURED, NEWEST_ONLY
 from softsim_ros.state_listener import StateListener
 
 
@@ -37,12 +37,12 @@ class Inverse:
         self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
         self._measured_at, self._tells_why = -math.inf, False
         StateListener(node, "inverse_controller/enabled", self._on_enabled)
-        for topic, callback in (
-            ("effector_pose", self._on_measured),
-            ("inverse_controller/model_pose", self._on_model),
-            ("effector_goal", self._on_goal),
+        for topic, callback, quality in (
+            ("effector_pose", self._on_measured, MEASURED),
+            ("inverse_controller/model_pose", self._on_model, NEWEST_ONLY),
+            ("effector_goal", self._on_goal, NEWEST_ONLY),
         ):
-            node.create_subscription(PoseStamped, topic, callback, NEWEST_ONLY)
+            node.create_subscription(PoseStamped, topic, callback, quality)
 
     # --- actions --------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from softsim_ros.client.state import (
     with_measurement,
 )
 from softsim_ros.client.wishes import INVERSE_OWNS, GoToPose, MoveAll, MoveJoint, StepJoints, Wish, decide
-from softsim_ros.qos import NEWEST_ONLY
+from softsim_ros.qos import MEASURED, NEWEST_ONLY
 
 HOLD_INTERVAL_S: Final = 0.2
 """On a robot without simulator the newest command is repeated after this long, in [s]."""
@@ -53,8 +53,8 @@ class Joints:
         self._commands = node.create_publisher(Float64MultiArray, commands, NEWEST_ONLY)
         self._trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", NEWEST_ONLY)
         node.create_subscription(Float64MultiArray, commands, self._on_command, NEWEST_ONLY)
-        node.create_subscription(JointState, "joint_states", self._on_states, NEWEST_ONLY)
-        node.create_subscription(JointState, "applied_joint_states", self._on_applied, NEWEST_ONLY)
+        node.create_subscription(JointState, "joint_states", self._on_states, MEASURED)
+        node.create_subscription(JointState, "applied_joint_states", self._on_applied, MEASURED)
         node.create_subscription(
             Float64MultiArray, "emulated_board/pulse_widths", self._on_pulses, NEWEST_ONLY
         )

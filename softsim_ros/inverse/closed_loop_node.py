@@ -39,6 +39,7 @@ from softsim_ros.inverse.tilt_loop import LoopStep, TiltLoop
 from softsim_ros.inverse.tilt_messages import imu_tilts, pose_tilts, reference_tilts
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
+from softsim_ros.qos import MEASURED
 from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "closed_loop"
@@ -71,9 +72,9 @@ class ClosedLoop(RobotNode):
         self.create_subscription(Vector3Stamped, "tilt_reference", self._on_tilts, 1)
         self.create_subscription(PoseStamped, "effector_reference", self._on_reference, 1)
         if self._source == "imu":
-            self.create_subscription(Imu, "imu", self._on_imu, 1)
+            self.create_subscription(Imu, "imu", self._on_imu, MEASURED)
         else:
-            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, MEASURED)
         self._task = start.task
         self._inverse = InverseSwitch(self, lambda _: None, self.get_logger().warning)
         self._follows = self._task == LEAVE

@@ -27,7 +27,7 @@ def health(
     elif status.fault:
         level = ERROR
     elif status.mode == "holding" or (
-        report is not None and (not report.reachable or report.sensitivity_age > 0)
+        report is not None and (report.status in ("unreachable", "stalled") or report.sensitivity_age > 0)
     ):
         level = WARN
     values: dict[str, object] = {"mode": status.mode, "feedback": feedback}

@@ -37,7 +37,7 @@ from softsim_ros.inverse.robot import world_frames
 from softsim_ros.inverse.simulated_robot import SimulatedRobot
 from softsim_ros.joint_reader import JointReader, JointStates
 from softsim_ros.messages import pose_stamped
-from softsim_ros.qos import LATCHED, NEWEST_ONLY
+from softsim_ros.qos import LATCHED, MEASURED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.pacing import RateGate
 
@@ -90,8 +90,8 @@ class InverseControl(RobotNode):
         self._control.feedback = start.feedback
         JointStates(self, SILENT_AFTER_S, self._measure)
         self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
-        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
-        self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, MEASURED)
+        self.create_subscription(Imu, "imu", self._on_imu, MEASURED)
         SimulatedRobot(self, self._on_other_robot, self.refuse)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
         self.create_service(SetBool, "~/enable", answers.switch(self.enable))

@@ -30,7 +30,17 @@ class ControllerSettings(RobotSettings):
         choices=BACKENDS,
         fixed=True,
     )
-    gain: float = parameter(_OWN.gain, "Share of the error that one tick takes away", within=(1e-3, 1.0))
+    rate: float = parameter(
+        _OWN.rate,
+        "Largest rate at which the error is taken away; less where the robot's slowest period is long",
+        unit="1/s",
+        within=(1e-3, 1e4),
+    )
+    gain: float = parameter(
+        0.0,
+        "Deprecated, see rate: share of the error that one tick takes away; 0.0: rate counts",
+        within=(0.0, 1.0),
+    )
     feedback_gain: float = parameter(
         _OWN.feedback_gain,
         "Rate at which the model's error against the measured pose is learned",
@@ -92,6 +102,7 @@ class ControllerSettings(RobotSettings):
     def of(cls, robot: RobotDescription, named: str) -> ControllerSettings:
         """As a robot's file says; `named` is the value of the parameter `robot`."""
         own = {name: getattr(robot.inverse, name) for name in _shared()}
+        own["gain"] = robot.inverse.gain or 0.0
         return cls(robot=named, base_shift=robot.start_shift, **own)
 
     def over(self, own: InverseSettings) -> InverseSettings:
@@ -100,7 +111,8 @@ class ControllerSettings(RobotSettings):
         Raises:
             SoftSimError: they do not fit together.
         """
-        return dataclasses.replace(own, **{name: getattr(self, name) for name in _shared()})
+        shared = {name: getattr(self, name) for name in _shared()}
+        return dataclasses.replace(own, **{**shared, "gain": self.gain or None})
 
 
 def _shared() -> list[str]:

@@ -35,6 +35,7 @@ from softsim_ros.inverse.path_player import PathPlayer
 from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
+from softsim_ros.qos import MEASURED
 from softsim_ros.robot_node import FrameSettings, RobotNode
 
 NODE_NAME: Final = "path_follower"
@@ -79,7 +80,7 @@ class PathFollower(RobotNode):
         self._goals = self.create_publisher(PoseStamped, "effector_goal", 1)
         self._progress = self.create_publisher(Float64, "~/progress", 1)
         self.create_subscription(PathMessage, "path", self._on_path, 1)
-        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, 1)
+        self.create_subscription(PoseStamped, "effector_pose", self._on_effector, MEASURED)
         self._state_topics = StateTopics(
             self,
             {

@@ -35,7 +35,7 @@ from softsim_ros.messages import header, pose_stamped
 from softsim_ros.messages.buffers import message_array
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.observer.parameters import EFFECTOR, IMU, MARKER, ObserverParameters
-from softsim_ros.qos import LATCHED, NEWEST_ONLY
+from softsim_ros.qos import LATCHED, MEASURED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.simulator.publications import Publications
 
@@ -90,7 +90,7 @@ class ObserverNode(RobotNode):
         )
 
     def _subscribe(self, values: ObserverParameters) -> None:
-        def listen(kind: type, topic: str, callback: object, profile: object = NEWEST_ONLY) -> None:
+        def listen(kind: type, topic: str, callback: object, profile: object = MEASURED) -> None:
             if topic:
                 self.create_subscription(kind, topic, callback, profile)
 

@@ -31,7 +31,7 @@ from softsim_ros.joint_reader import JointReader, JointStates
 from softsim_ros.messages.diagnostics import OK, WARN
 from softsim_ros.policy.heard import Heard
 from softsim_ros.policy.parameters import PolicyParameters
-from softsim_ros.qos import LATCHED, NEWEST_ONLY
+from softsim_ros.qos import LATCHED, MEASURED, NEWEST_ONLY
 from softsim_ros.robot_node import FrameSettings, RobotNode
 from softsim_ros.state_listener import StateListener
 
@@ -99,11 +99,11 @@ class PolicyNode(RobotNode):
         self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
         SimulatedRobot(self, self._on_other_robot, self.refuse)
         if "effector_position" in asks:
-            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, NEWEST_ONLY)
+            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, MEASURED)
         if "effector_rate" in asks:
-            self.create_subscription(Imu, "imu", self._on_imu, NEWEST_ONLY)
+            self.create_subscription(Imu, "imu", self._on_imu, MEASURED)
         if "thing_position" in asks:
-            self.create_subscription(PoseArray, "bodies/poses", self._on_bodies, NEWEST_ONLY)
+            self.create_subscription(PoseArray, "bodies/poses", self._on_bodies, MEASURED)
         if has_goal:
             self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
 

@@ -15,7 +15,12 @@ from softsim_core.actuation.trajectory import JointTrajectory
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError
 from softsim_core.mechanics.limits import check_command
-from softsim_core.mechanics.named_command import check_age, check_named_command, check_positions_only
+from softsim_core.mechanics.named_command import (
+    check_age,
+    check_named_command,
+    check_positions_only,
+    says_something,
+)
 from softsim_core.scene.catalog import MOST_NAMES, names_up_to
 
 MOST_POINTS: Final = 10_000
@@ -96,8 +101,11 @@ def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -
             f"trajectory refused: it has {len(message.points)} points; send at most {MOST_POINTS} at once; "
             "nothing was moved"
         )
-    if any(len(point.effort) for point in message.points):
-        raise CommandError("trajectory refused: efforts are not obeyed; leave them empty; nothing was moved")
+    if any(says_something(point.effort) for point in message.points):
+        raise CommandError(
+            "trajectory refused: efforts are not obeyed; leave them empty, or fill them with NaN or 0; "
+            "nothing was moved"
+        )
     for index, point in enumerate(message.points):
         if len(point.positions) != len(message.joint_names):
             raise CommandError(
@@ -130,4 +138,5 @@ def _slopes(message: JointTrajectoryMessage, field: str) -> Array | None:
         raise CommandError(
             f"trajectory refused: give {field} of every joint at every point, or none; nothing was moved"
         )
-    return np.array([getattr(point, field) for point in message.points], dtype=float)
+    values = np.array([getattr(point, field) for point in message.points], dtype=float)
+    return None if np.isnan(values).all() else values

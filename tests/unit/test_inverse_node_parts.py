@@ -121,8 +121,8 @@ def test_an_imu_measures_tilt_and_leaves_heading_and_place_to_the_model() -> Non
 def test_the_parameters_begin_as_the_robots_file_says_and_lie_over_it() -> None:
     settings = ControllerSettings.of(TRIPOD, "tripod")
     assert settings.over(TRIPOD.inverse) == TRIPOD.inverse
-    other = replace(settings, gain=0.25, task="pose", base_shift=0.01).over(TRIPOD.inverse)
-    assert other == replace(TRIPOD.inverse, gain=0.25, task="pose")
+    other = replace(settings, rate=20.0, task="pose", base_shift=0.01).over(TRIPOD.inverse)
+    assert other == replace(TRIPOD.inverse, rate=20.0, task="pose")
 
 
 def test_the_report_says_off_holding_and_fault() -> None:

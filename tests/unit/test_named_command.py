@@ -38,6 +38,7 @@ def test_what_is_wrong_is_refused_whole(names: list[str], positions: list[float]
 
 def test_velocities_are_not_passed_over_in_silence() -> None:
     check_positions_only([], [])
+    check_positions_only([math.nan, 0.0], [math.nan, math.nan])  # which say nothing
     for velocities, efforts in (([1.0], []), ([], [1.0])):
         with pytest.raises(CommandError, match="only positions are taken"):
             check_positions_only(velocities, efforts)

@@ -118,3 +118,12 @@ def test_velocities_and_accelerations_make_cubics_and_quintics(order: int) -> No
 def test_slopes_that_do_not_fit_are_refused(velocities: object, accelerations: object, words: str) -> None:
     with pytest.raises(CommandError, match=words):
         JointTrajectory(["a"], [1.0, 2.0], [[1.0], [2.0]], velocities, accelerations)  # type: ignore[arg-type]
+
+
+def test_the_round_off_of_a_planner_at_the_end_counts_as_rest() -> None:
+    """1e-12 after 1 rad/s is rest, a thousandth of the speed is not."""
+    trajectory = JointTrajectory(["a"], [1.0, 2.0], [[0.5], [1.0]], [[1.0], [1e-12]])
+    assert trajectory.velocities is not None
+    assert trajectory.velocities[-1, 0] == 0.0
+    with pytest.raises(CommandError, match="last way point must be 0"):
+        JointTrajectory(["a"], [1.0, 2.0], [[0.5], [1.0]], [[1.0], [1e-3]])
