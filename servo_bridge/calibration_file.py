@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from softsim_core.errors import ConfigError, SceneError
 from softsim_core.file_writing import write_file
 from softsim_core.scene.board import BusServo, Servo, ServoCalibration
+from softsim_core.scene.generated import comment, scalar
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.yaml_source import read_yaml
 from softsim_core.wrong_names import known_names
@@ -99,14 +100,14 @@ def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    lines = [f"# How the servos of {robot} are mounted; made by `softsim calibrate-servos {robot}`."]
-    lines += [f"robot: {robot}", "servos:"]
+    head = comment(f"How the servos of {robot} are mounted; made by `softsim calibrate-servos {robot}`.")
+    lines = [f"robot: {scalar(robot)}", "servos:"]
     for servo in servos:
-        values = asdict(servo)
+        values = {**asdict(servo), "joint": scalar(servo.joint)}
         lines.append("  - {" + ", ".join(f"{key}: {value}" for key, value in values.items()) + "}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, "\n".join(lines) + "\n")
+        write_file(file, head + "\n".join(lines) + "\n")
     except OSError as error:
         raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
 

@@ -20,6 +20,7 @@ from softsim_core.identification.calibration import (
 )
 from softsim_core.identification.description import DataSetDescription
 from softsim_core.identification.files import DESCRIPTION
+from softsim_core.scene.generated import comment
 from softsim_core.scene.robot import RobotDescription
 
 ZERO: Final = 0.15
@@ -37,7 +38,7 @@ def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] =
         columns: Numbers by name, each of shape (k,).
         notes: Comments.
     """
-    head = "".join(f"# {note}\n" for note in notes) + ",".join(columns)
+    head = comment(*notes) + ",".join(columns)
     rows = np.column_stack(list(columns.values()))
     text = io.StringIO()
     np.savetxt(text, rows, "%.9g", ",", header=head, comments="")

@@ -9,6 +9,7 @@ from softsim_core.errors import MjcfError
 from softsim_core.file_writing import write_file
 from softsim_core.mesh import TetMesh, write_surface, write_tets
 from softsim_core.mjcf.importing import ImportedScene
+from softsim_core.scene.generated import comment
 from softsim_core.scene.portable import write_description
 from softsim_core.scene.robot import as_robot
 from softsim_core.values import MeshFile
@@ -53,4 +54,4 @@ def _head(imported: ImportedScene, origin: str) -> str:
     lines = [f"{imported.scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
     if imported.told:
         lines += ["Not taken over, or otherwise than there:", *(f"  {told}" for told in imported.told)]
-    return "".join(f"# {' '.join(line.split()) if k == 0 else line}\n" for k, line in enumerate(lines))
+    return comment(*lines)

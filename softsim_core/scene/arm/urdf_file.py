@@ -111,6 +111,9 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
     links = [link.name for link in robot.links]
     joints = [_joint(each, file) for each in robot.joints]
     for what, names in (("link", links), ("joint", [each.name for each in joints])):
+        if odd := [name for name in names if not (name and str(name).isprintable())]:
+            problem = f"has the name {str(odd[0])[:60]!r}; give it one of printable characters on one line"
+            raise ConfigError(file, what, problem)
         if twice := {name for name in names if names.count(name) > 1}:
             raise ConfigError(file, what, f"{min(twice)} is there twice; rename one")
     for each in joints:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softsim_core.file_writing import write_file
+from softsim_core.scene.generated import comment
 
 if TYPE_CHECKING:
     from softsim_core.identification.confidence import Folds
@@ -211,9 +212,10 @@ def write_overlay(file: Path, robot: str, result: Calibration, further: Further)
     import yaml
 
     base = _beside(robot, file)
-    told = [f"# {line}" for line in [*sentences(result), *further.sentences(result)]]
+    told = [*sentences(result), *further.sentences(result)]
     text = yaml.safe_dump({"extends": base, **result.overlay}, sort_keys=False, default_flow_style=None)
-    write_file(file, "\n".join([f"# Found by softsim calibrate {result.description.name}.", *told, text]))
+    head = comment(f"Found by softsim calibrate {result.description.name}.", *told)
+    write_file(file, head + text)
 
 
 def write_distribution(file: Path, robot: str, result: Calibration) -> None:
@@ -223,7 +225,7 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
     from softsim_core.identification.distribution import distribution_of, plain_distribution
 
     told = plain_distribution(distribution_of(result, _beside(robot, file)))
-    head = f"# What softsim calibrate {result.description.name} leaves open.\n"
+    head = comment(f"What softsim calibrate {result.description.name} leaves open.")
     write_file(file, head + yaml.safe_dump(told, sort_keys=False, default_flow_style=None))
 
 

@@ -11,6 +11,7 @@ from softsim_core.errors import SceneError, listing
 from softsim_core.mechanics.pose import euler_of, rotation_euler
 from softsim_core.meshing.guesses import Guess
 from softsim_core.scene.arm.urdf_file import RigidRobot
+from softsim_core.scene.generated import on_one_line, scalar
 from softsim_ros.cli.robots.new_scene import number_list
 
 _ALONG_Z = ((0.0, -90.0, 0.0), (90.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -51,25 +52,26 @@ def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) 
         turned = (x, y, z)
     held = rotation_euler(np.radians(turned)) @ np.array(guess.held.center)
     moving = [joint.name for joint in rigid.joints if joint.kind != "fixed"]
+    file, listed = on_one_line(urdf.name), on_one_line(", ".join(moving))
     carrier = _carrier(rigid, link)
     pairs = (("left", "right"), ("up", "down"))
     keys = "\n".join(
-        f"  {key}: {{joints: [{joint}], by: {sign}0.05, help: move {joint}}}"
+        f"  {key}: {{joints: [{scalar(joint)}], by: {sign}0.05, help: {scalar(f'move {joint}')}}}"
         for joint, both in zip(moving, pairs, strict=False)
         for key, sign in zip(both, ("", "-"), strict=True)
     )
     return f"""\
-# {name}_on_arm: {name} on the arm of {urdf.name}. Commands are the arm's joints, then those of {name}.
+# {name}_on_arm: {name} on the arm of {file}. Commands are the arm's joints, then those of {name}.
 name: {name}_on_arm
 arm:
-  urdf: {os.path.relpath(urdf.resolve(), Path(name).resolve())}
-  start: {{}}  # positions of its joints at the start in rad or m; others at 0: {", ".join(moving)}
+  urdf: {scalar(os.path.relpath(urdf.resolve(), Path(name).resolve()))}
+  start: {{}}  # positions of its joints at the start in rad or m; others at 0: {listed}
   tools:
     # GUESS: held end at the origin of the last link, along its +z
     - robot: {name}.yaml
-      on: {link}
+      on: {scalar(link)}
       pose: {{rotation_deg: {number_list(turned)}, translation: {number_list(tuple(0.0 - held))}}}
-{_FELT.format(joint=carrier) if carrier else ""}
+{_FELT.format(joint=scalar(carrier)) if carrier else ""}
 keys:  # those of {name} are there, too
 {keys or "  {}"}
 """

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from softsim_core.meshing import MeshedPart
 from softsim_core.meshing.guesses import Guess
+from softsim_core.scene.generated import on_one_line, scalar
 from softsim_core.values import Box
 from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON
 
@@ -36,7 +37,7 @@ def scene_text(name: str, made: MeshedPart, guess: Guess, preset: str, factor: f
     pulled = 8000.0 if hollow else 0.06 * guess.length
     moves = ("pump", "let air out") if hollow else ("pull the cable", "let the cable go")
     nodes = made.report.nodes
-    file, mass = Path(made.source.surface.name).name, 1e3 * DENSITY * made.report.volume
+    file, mass = on_one_line(Path(made.source.surface.name).name), 1e3 * DENSITY * made.report.volume
     return f"""\
 # {name}: made of {file} by `softsim new`. SI units (m, kg, s, Pa), z up.
 # What is a GUESS here is marked so: look at each in the page (softsim up), then correct it.
@@ -49,7 +50,7 @@ bodies:
   - name: part
     mesh: {{file: {name}.vtk}}  # {nodes} nodes; keep it: the mesher does not make a mesh twice{order_line}
     # GUESS: `softsim material` lists others; or {{young_modulus: 250.0e+3, poisson_ratio: 0.45}}
-    material: {{preset: {preset}, stiffness_factor: {factor:g}, poisson_ratio: {POISSON[order]:g}}}
+    material: {{preset: {scalar(preset)}, stiffness_factor: {factor:g}, poisson_ratio: {POISSON[order]:g}}}
     density: {DENSITY:g}  # of silicone; by this the part weighs {mass:.3g} g: weigh a casting
     colour: [0.9, 0.6, 0.4, 0.6]
 
