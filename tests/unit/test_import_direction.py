@@ -58,6 +58,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.board",
     "softsim_core.scene.description",
     "softsim_core.scene.files",
+    "softsim_core.scene.generated",
     "softsim_core.scene.robot",
     "softsim_core.scene.yaml_source",
     "softsim_core.wrong_names",
