@@ -75,7 +75,8 @@ GROUPS: dict[str, str] = {
     "Errors": (
         "SoftSimError SceneError FieldError ArrayError BatchError ConfigError DataError MeshError MjcfError "
         "MaterialError CommandError PathRefusedError SnapshotError SolverDivergedError FactorisationError "
-        "DetectionOverflowError NotConvergedError NotReachedError PolicyError StudyError"
+        "DetectionOverflowError NotConvergedError NotReachedError PolicyError StudyError "
+        "LockError RuntimeFolderError"
     ),
     "Version": "__version__",
 }

@@ -100,6 +100,7 @@ if TYPE_CHECKING:
     from softsim_core.inverse.workspace import Workspace, sample_workspace
     from softsim_core.learning.policy import Policy, load_policy, policy_metadata
     from softsim_core.learning.randomisation import RandomisationDescription, SpreadDescription
+    from softsim_core.locks import LockError, RuntimeFolderError
     from softsim_core.mechanics.limits import JointLimits
     from softsim_core.mechanics.pose import (
         Pose,
@@ -248,6 +249,7 @@ __all__ = [
     "KeyBinding",
     "LayerDescription",
     "LayerOfRodDescription",
+    "LockError",
     "MarkersDescription",
     "MaterialDescription",
     "MaterialError",
@@ -282,6 +284,7 @@ __all__ = [
     "RodDescription",
     "RodSectionDescription",
     "RunningSimulation",
+    "RuntimeFolderError",
     "Scene",
     "SceneDescription",
     "SceneError",
@@ -417,6 +420,7 @@ _NAMES = {
     "softsim_core.inverse.controller": "InverseController InverseReport",
     "softsim_core.inverse.path_files": "read_path",
     "softsim_core.inverse.paths": "EffectorPath PathRefusedError",
+    "softsim_core.locks": "LockError RuntimeFolderError",
     "softsim_core.inverse.reach": "reach",
     "softsim_core.inverse.sensitivity": "Sensitivity analytic_sensitivity sampled_sensitivity",
     "softsim_core.inverse.static": "PoseSolution solve_pose",

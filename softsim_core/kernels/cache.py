@@ -25,7 +25,7 @@ _FILE_MODE: Final = 0o644
 """Of new files: not group-writable, whatever the umask is."""
 
 
-class RefusedFileError(Exception):
+class _RefusedFileError(Exception):
     """A file of the cache is damaged, or of others; the text is the reason."""
 
 
@@ -55,7 +55,7 @@ class CheckedFiles(IndexDataCacheFile):
             data = _whole(_private(path))
         except FileNotFoundError:
             return None
-        except (RefusedFileError, OSError) as error:
+        except (_RefusedFileError, OSError) as error:
             _warn_once(f"a compiled kernel is dropped and compiled again: {path} {error}")
             with suppress(OSError):
                 os.unlink(path)  # noqa: PTH108 (Numba's paths are strings)
@@ -95,18 +95,18 @@ def _private(path: str) -> bytes:
     """Return the content of a regular file that only this user, or root, may write.
 
     Raises:
-        RefusedFileError: it is no such file.
+        _RefusedFileError: it is no such file.
         OSError: it cannot be read.
     """
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would wait for a writer
     with open(number, "rb") as file:  # noqa: PTH123
         seen = os.fstat(number)
         if not stat.S_ISREG(seen.st_mode):
-            raise RefusedFileError("is no regular file")
+            raise _RefusedFileError("is no regular file")
         if seen.st_uid not in (0, os.geteuid()):
-            raise RefusedFileError(f"belongs to the user {seen.st_uid}")
+            raise _RefusedFileError(f"belongs to the user {seen.st_uid}")
         if seen.st_mode & OTHERS_MAY_WRITE:
-            raise RefusedFileError(f"can be written by others (mode {stat.S_IMODE(seen.st_mode):o})")
+            raise _RefusedFileError(f"can be written by others (mode {stat.S_IMODE(seen.st_mode):o})")
         return file.read()
 
 
@@ -114,11 +114,11 @@ def _whole(content: bytes) -> bytes:
     """Return what follows the digest.
 
     Raises:
-        RefusedFileError: it is not what the digest was made of.
+        _RefusedFileError: it is not what the digest was made of.
     """
     data = content[_DIGEST:]
     if sha256(data).digest() != content[:_DIGEST]:
-        raise RefusedFileError("is damaged")
+        raise _RefusedFileError("is damaged")
     return data
 
 

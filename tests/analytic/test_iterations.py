@@ -281,7 +281,7 @@ def test_reading_the_error_leaves_the_contacts_told() -> None:
 
 @pytest.mark.parametrize(
     ("settings", "sentence"),
-    [({"iterations": 0}, "iterations must be >= 1"), ({"iteration_tolerance": -1.0}, "must be >= 0 m")],
+    [({"iterations": 0}, "iterations must be 1 to 1000"), ({"iteration_tolerance": -1.0}, "must be >= 0 m")],
 )
 def test_other_numbers_are_refused(settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):

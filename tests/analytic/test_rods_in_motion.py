@@ -366,7 +366,7 @@ def test_what_a_rod_is_not(change: dict[str, object], sentence: str) -> None:
         ({"centreline": ((0.0, 0.0, 0.0),)}, "two or more points"),
         ({"centreline": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))}, "none of them twice"),
         ({"first_axis": (1.0, 0.0, 0.0)}, "first_axis"),
-        ({"elements": 0}, "elements must be >= 1"),
+        ({"elements": 0}, "elements must be 1 to 100000"),
         ({"length": 0.2}, "as long as its centreline"),
         ({"end_direction": (1.0, 1.0, 0.0)}, "a direction of length 1"),
     ],

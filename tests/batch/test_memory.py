@@ -14,7 +14,7 @@ from softsim_core.scene import load_scene
 
 
 def steppers() -> int:
-    return sum(isinstance(each, NumbaStepper) for each in gc.get_objects())
+    return sum(type(each) is NumbaStepper for each in gc.get_objects())
 
 
 def test_rebuilt_copies_leave_no_stepper_behind() -> None:

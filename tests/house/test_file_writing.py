@@ -13,12 +13,11 @@ PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 
 ELSEWHERE = {
     "softsim_core/file_writing.py": "the one place",
-    "softsim_core/kernels/compile_process.py": "a lock file in the private folder of compiled kernels",
+    "softsim_core/locks.py": "lock files, never through a link, whose content stays",
     "softsim_core/meshing/filling.py": "hands a surface to the mesher in a new temporary folder",
     "softsim_core/meshing/tetwild.py": "the mesher, which imports nothing of this suite, answers there",
     "softsim_node/ending.py": "/dev/null in place of a stream that was closed",
     "softsim_ros/cli/install.py": "runs before this suite is installed",
-    "softsim_ros/cli/running/one_at_a_time.py": "a lock file, which is never emptied through a link",
     "softsim_ros/teleop/terminal.py": "the terminal, /dev/tty",
 }
 """Files that open others for writing by themselves, with the reason."""

@@ -62,7 +62,7 @@ def test_a_wrong_cell_is_named(tmp_path: Path, edit: dict[str, object], sentence
         (
             "unit: mm",
             "unit: inch",
-            r"dataset.yaml: sessions\[0\].sensors\[0\].unit: must be one of m, cm, mm",
+            r"dataset.yaml: line 10, column 60: sessions\[0\].sensors\[0\].unit: must be one of m, cm, mm",
         ),
         ("unit: deg", "unit: rad", "column s0_deg: is declared in rad, but its name says deg"),
         (

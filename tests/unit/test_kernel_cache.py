@@ -135,7 +135,8 @@ def test_what_others_own_or_may_write_is_not_loaded(
 def test_new_files_are_written_by_nobody_else_whatever_the_umask_is(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shutil.rmtree(package.parent / "__pycache__")
+    for file in (file for kind in ("nbi", "nbc") for file in package.parent.rglob(f"*.{kind}")):
+        file.unlink()
     before = os.umask(0o000)
     try:
         called(package, monkeypatch)

@@ -113,5 +113,5 @@ def test_a_file_of_both_orders_is_refused(tmp_path: Path) -> None:
     mesh, file = block(), tmp_path / "both.vtu"
     cells = [("tetra10", mesh.tets[:5]), ("tetra", mesh.tets[5:, :4])]
     meshio.write(file, meshio.Mesh(mesh.points, cells))
-    with pytest.raises(MeshError, match="mixes linear and quadratic tetrahedra"):
+    with pytest.raises(MeshError, match="mixes linear and quadratic cells"):
         read_tets(file)
