@@ -19,7 +19,7 @@ INVERSE_OWNS = "nothing moved: inverse control drives the joints; press its key 
 
 @dataclass(frozen=True, slots=True)
 class StepJoints:
-    """Move some joints `by` [rad] or [m] from where they are."""
+    """Move some joints `by` [rad] or [m] from their last commands, or from where something else put them."""
 
     joints: tuple[str, ...]
     by: float
@@ -75,15 +75,13 @@ def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -
         return _command(state, robot, robot.poses[wish.pose], robot.joint_names, f"pose {wish.pose}", now)
     if isinstance(wish, MoveAll):
         return _command(state, robot, wish.positions, robot.joint_names, "all joints by command", now)
-    heard = commandable(state, robot)
-    assert heard.measured is not None
-    held = held_positions(heard, now)
+    held = held_positions(commandable(state, robot), now)
     if isinstance(wish, MoveJoint):
         to = dict(zip(robot.joint_names, held, strict=True)) | {wish.joint: wish.position}
         return _command(state, robot, tuple(to.values()), (wish.joint,), f"{wish.joint} by slider", now)
     wanted = tuple(
-        position + wish.by if joint.name in wish.joints else hold
-        for joint, position, hold in zip(robot.joints, heard.measured, held, strict=True)
+        hold + wish.by if joint.name in wish.joints else hold
+        for joint, hold in zip(robot.joints, held, strict=True)
     )
     title = ", ".join(
         f"{joint.name} to {format_command(joint, value)}"

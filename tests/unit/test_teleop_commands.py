@@ -110,9 +110,22 @@ def test_quitting(key: KeyPress) -> None:
     assert press(Typed(), TRIPOD, key, 0.0)[1] == (Quit(),)
 
 
-def test_a_step_starts_from_the_measured_position() -> None:
+def test_a_step_starts_from_the_last_command() -> None:
     commanded = MEASURED.knowing(commanded=(-0.2, -0.3, -0.4), trusted_until=10.0)
-    assert published(commanded, "up") == pytest.approx((-0.9, -0.3, -0.4))
+    assert published(commanded, "up") == pytest.approx((-0.1, -0.3, -0.4))
+    moved_since = MEASURED.knowing(commanded=(-0.2, -0.3, -0.4), trusted_until=-1.0)
+    assert published(moved_since, "up") == pytest.approx((-0.9, -1.1, -1.2))
+
+
+def test_eight_quick_presses_are_eight_steps_of_each_finger_however_far_they_have_come() -> None:
+    gripper = load_scene("cable_gripper")
+    typed = Typed(RobotState(measured=(0.0,) * 5, measured_at=0.0))
+    for number in range(8):
+        now = 0.11 * number
+        late = tuple(0.6 * each for each in typed.state.commanded or (0.0,) * 5)  # fingers lag behind
+        typed, effects = press(typed.knowing(measured=late, measured_at=now), gripper, KeyPress("plus"), now)
+        assert len(effects) == 1
+    assert typed.state.commanded == pytest.approx((0.008, 0.008, 0.008, 0.0, 0.0))
 
 
 def test_other_joints_keep_a_command_unless_something_else_moved_them() -> None:
