@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -66,8 +67,8 @@ class About:
         if isinstance(default, int):
             return f"a whole number from {lower:g} to {upper:g}{unit}"
         if isinstance(default, float):
-            return f"a number from {lower:g} to {upper:g}{unit}, written with a decimal point"
-        return f"{self.count} numbers from {lower:g} to {upper:g}{unit}, with decimal points: [1.0, ...]"
+            return f"a number from {lower:g} to {upper:g}{unit}"
+        return f"{self.count} numbers from {lower:g} to {upper:g}{unit}: [1.0, ...]"
 
 
 def parameter(
@@ -133,8 +134,12 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
         return checked(name, node.get_parameter(name).value, default, about)
     first = list(default) if isinstance(default, tuple) else default
     allowed = about.allowed(default)
+    descriptor = _descriptor(default, about)
     try:
-        descriptor = _descriptor(default, about)
+        if given and isinstance(default, float | tuple):
+            found = _given(node, name, first)
+            if (number := _with_decimals(found)) is not found:
+                first, given = number, False
         value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
     except InvalidParameterTypeException as error:
         raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
@@ -226,6 +231,7 @@ class LiveParameters(Generic[Settings]):
         self._node, self._check, self._apply = node, check, apply
         self._about = {name: (default, about) for name, default, about in described(self.values)}
         self._is_quiet = False
+        node.add_pre_set_parameters_callback(self._pre_set)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
 
@@ -250,6 +256,15 @@ class LiveParameters(Generic[Settings]):
         }
         return frozenset(values), dataclasses.replace(self.values, **values)  # type: ignore[type-var]
 
+    def _pre_set(self, changes: list[Parameter]) -> list[Parameter]:
+        """Take whole numbers for numbers: `2` for `2.0`."""
+        return [
+            Parameter(change.name, value=_with_decimals(change.value))
+            if isinstance(self._about.get(change.name, (None,))[0], float | tuple)
+            else change
+            for change in changes
+        ]
+
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         try:
             names, values = self._changed(changes)
@@ -266,6 +281,22 @@ class LiveParameters(Generic[Settings]):
                 self._apply(names, self.values)
             except Exception as error:  # rclpy has stored the values and has no answer for this
                 self._node.get_logger().error(f"parameters are stored, but: {sentence_of(error)}")
+
+
+def _given(node: Node, name: str, default: Any) -> Any:
+    """The value, of whatever type, that a node was started with for a parameter that is not declared yet."""
+    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    node.undeclare_parameter(name)
+    return value
+
+
+def _with_decimals(value: Any) -> Any:
+    """Whole numbers, alone or in a list, as numbers; anything else as it is."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if isinstance(value, list | array) and all(type(each) is int for each in value):
+        return [float(each) for each in value]
+    return value
 
 
 def _descriptor(default: object, about: About) -> ParameterDescriptor:

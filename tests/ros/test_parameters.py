@@ -63,7 +63,8 @@ def test_start_values_win_over_defaults(context: Context) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("gain", 3, "parameter gain has the wrong type; allowed is a number from 0 to 10 1/s, written with"),
+        ("gain", "3", "parameter gain has the wrong type; allowed is a number from 0 to 10 1/s"),
+        ("count", 3.5, "parameter count has the wrong type; allowed is a whole number from 1 to 16"),
         ("gain", 99.0, "parameter gain is refused; allowed is a number from 0 to 10"),
         ("gain", float("nan"), "parameter gain is refused"),
         ("count", 0, "parameter count is refused; allowed is a whole number from 1 to 16"),
@@ -94,6 +95,19 @@ def test_a_name_that_is_not_declared_is_answered_with_the_nearest(context: Conte
         assert result.reason.isprintable()
         assert len(result.reason) <= 300
         assert node.get_parameter("count").value == 3
+    node.destroy_node()
+
+
+def test_whole_numbers_are_numbers_at_the_start_and_later(context: Context) -> None:
+    node = node_with(context, gain=3, weights=[2, 1])
+    parameters = LiveParameters(node, Settings())
+    assert (parameters.values.gain, parameters.values.weights) == (3.0, (2.0, 1.0))
+    for change in (Parameter("gain", value=4), Parameter("weights", value=[3, 4])):
+        assert node.set_parameters([change])[0].successful
+    assert (parameters.values.gain, parameters.values.weights) == (4.0, (3.0, 4.0))
+    assert not node.set_parameters([Parameter("count", value=2.5)])[0].successful
+    assert not node.set_parameters([Parameter("gain", value=True)])[0].successful
+    assert (node.get_parameter("gain").value, parameters.values.count) == (4.0, 3)
     node.destroy_node()
 
 
@@ -144,7 +158,7 @@ def test_help_tells_type_unit_range_default_and_what_is_fixed(capsys: pytest.Cap
         program.options(["--help", "--ros-args", "-p", "gain:=2.0"])
     shown = capsys.readouterr().out
     assert ended.value.code == 0
-    assert "gain: a number from 0 to 10 1/s, written with a decimal point; default 1.0" in shown
+    assert "gain: a number from 0 to 10 1/s; default 1.0" in shown
     assert "quiet: true or false; default false; fixed after the start" in shown
 
 
