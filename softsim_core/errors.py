@@ -12,7 +12,17 @@ def listing(names: Iterable[object]) -> str:
 
 
 class SoftSimError(Exception):
-    """Base of all errors raised on purpose by the suite; its text is meant for a person."""
+    """Base of all errors raised on purpose by the suite; its text is meant for a person.
+
+    Names in it may come from files of others: escape sequences, and marks that turn the direction of writing,
+    are shown as text, so that no terminal obeys them.
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if text.isprintable():
+            return text
+        return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)
 
 
 class ArrayError(SoftSimError, ValueError):

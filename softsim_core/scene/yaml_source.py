@@ -17,6 +17,9 @@ MOST_CHARACTERS: Final = 4_000_000
 MOST_VALUES: Final = 200_000
 """So many values a text may hold, each alias counted as all that it stands for."""
 
+MOST_EXTENDED: Final = 32
+"""So many files may stand one over the other."""
+
 KeyPath: TypeAlias = tuple[str | int, ...]
 """Steps from the top of a file to a value: ("bodies", 0, "material")."""
 
@@ -288,6 +291,9 @@ def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> 
         raise ConfigError(file, "extends", f"must name a YAML file, not {target!r}", place)
     base = relative_to_file(target, file)
     chain = (*below, file)
+    if len(chain) > MOST_EXTENDED:
+        problem = f"more than {MOST_EXTENDED} files extend each other; write them as fewer"
+        raise ConfigError(file, "extends", problem, place)
     if base.resolve() in {each.resolve() for each in chain}:
         circle = f"files extend each other in a circle: {listing([*chain, base])}"
         raise ConfigError(file, "extends", circle, place)

@@ -111,3 +111,27 @@ def test_a_value_of_the_file_below_is_named_there(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(TRIPOD + "dt: fast\n", encoding="utf-8")
     error = refusal(tmp_path, "extends: base.yaml\nname: above\n")
     assert (error.file, error.place) == (str(tmp_path / "base.yaml"), (2, 1))
+
+
+def test_a_chain_of_files_ends_in_one_message(tmp_path: Path) -> None:
+    for number in range(1500):
+        (tmp_path / f"{number}.yaml").write_text(f"extends: {number + 1}.yaml\n", encoding="utf-8")
+    (tmp_path / "1500.yaml").write_text("name: x\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="extends: more than 32 files extend each other"):
+        load_scene(tmp_path / "0.yaml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'name: x\n"\\e[31mred\\u202e": 1\n',
+        'name: "\\e[2J"\n',
+        'name: x\nbodies:\n  - {name: a, material: {"\\e[2Jx": 3}}\n',
+        TRIPOD + 'poses:\n  "\\e]0;title\\a": [0.0]\n',
+        'extends: "\\e[31m.yaml"\n',
+    ],
+)
+def test_no_terminal_obeys_what_a_file_holds(tmp_path: Path, text: str) -> None:
+    error = refusal(tmp_path, text)
+    assert str(error).isprintable()
+    assert "\\x1b" in str(error)
