@@ -175,7 +175,7 @@ def test_a_robot_is_built_applied_saved_and_undone(edited: Edited) -> None:
             Put(("bodies", Item("part"), "surface"), {"file": "../x.stl"}),
             "name other files than the scene does",
         ),
-        (Put(("extends",), "tripod.yaml"), "is nothing that edits change"),
+        (Put(("extends",), "tripod.yaml"), "name other files than the scene does"),
         (Put(("name",), "other"), "is nothing that edits change"),
         (Put(("bodies", Item("part"), "density"), "heavy"), "must be a number"),
         (Put(("attachments", Item("x")), {"name": "x", "body": "no", "to": "world"}), "exactly one of box"),
