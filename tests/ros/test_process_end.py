@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import random
 import re
 import signal
@@ -129,7 +130,9 @@ def test_a_bridge_that_loses_its_terminal_or_its_parent_ends_at_rest(
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")  # as sourcing apt's ROS 2 does
     with VirtualBoard(link=tmp_path / "board") as board:
         words = [BRIDGE, *bridge_words(port=board.port, open_wait_s=0.0, autostart="activate")]
-        (tmp_path / "runner.py").write_text(  # processes start in this folder
+        path = filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")])
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))  # the current folder is no place of modules
+        (tmp_path / "runner.py").write_text(
             "import subprocess, sys\nsubprocess.run([sys.executable, '-m', *sys.argv[1:]])\n"
         )
         launcher = start("runner", *words) if how != "hang-up" else start(*words)
