@@ -25,6 +25,10 @@ _FILE_MODE: Final = 0o644
 """Of new files: not group-writable, whatever the umask is."""
 
 
+_READING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""A pipe in a file's place would wait for a writer."""
+
+
 class _RefusedFileError(Exception):
     """A file of the cache is damaged, or of others; the text is the reason."""
 
@@ -98,15 +102,16 @@ def _private(path: str) -> bytes:
         _RefusedFileError: it is no such file.
         OSError: it cannot be read.
     """
-    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would wait for a writer
+    number = os.open(path, _READING)
     with open(number, "rb") as file:  # noqa: PTH123
         seen = os.fstat(number)
         if not stat.S_ISREG(seen.st_mode):
             raise _RefusedFileError("is no regular file")
-        if seen.st_uid not in (0, os.geteuid()):
-            raise _RefusedFileError(f"belongs to the user {seen.st_uid}")
-        if seen.st_mode & OTHERS_MAY_WRITE:
-            raise _RefusedFileError(f"can be written by others (mode {stat.S_IMODE(seen.st_mode):o})")
+        if hasattr(os, "geteuid"):  # else the system has other users, and other rights, than POSIX
+            if seen.st_uid not in (0, os.geteuid()):
+                raise _RefusedFileError(f"belongs to the user {seen.st_uid}")
+            if seen.st_mode & OTHERS_MAY_WRITE:
+                raise _RefusedFileError(f"can be written by others (mode {stat.S_IMODE(seen.st_mode):o})")
         return file.read()
 
 

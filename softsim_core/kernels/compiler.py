@@ -44,9 +44,14 @@ def _numba() -> Any:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder belongs to this user, who may write into it as not everybody may."""
+    """Whether a folder belongs to this user, who may write into it as not everybody may.
+
+    Systems without users of POSIX tell only whether it can be written.
+    """
+    if not os.access(folder, os.W_OK):
+        return False
     seen = folder.stat()
-    return seen.st_uid == os.geteuid() and not seen.st_mode & stat.S_IWOTH and os.access(folder, os.W_OK)
+    return not hasattr(os, "geteuid") or (seen.st_uid == os.geteuid() and not seen.st_mode & stat.S_IWOTH)
 
 
 def _folder_of_the_user() -> Path:
