@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from softsim_core.scene.catalog import shortened
 from softsim_core.wrong_names import known_names
 from softsim_node import doors
+from softsim_node.parameters import with_decimals
 from softsim_node.sentences import one_line, sentence_of
 
 
@@ -58,13 +59,22 @@ class GuardedNode(Node):
         return super().create_service(srv_type, srv_name, behind, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As rclpy's; a name that is not declared is refused in a sentence, with the nearest ones."""
+        """As rclpy's; a name that is not declared is refused in a sentence, with the nearest ones.
+
+        Whole numbers are taken where numbers are declared: `2` for `2.0`.
+        """
         for each in parameter_list:
             if not self.has_parameter(each.name):
                 names = sorted(self.get_parameters_by_prefix(""))
                 known = known_names(shortened(each.name), names, "known parameters:")
                 return SetParametersResult(reason=one_line(f"no parameter {shortened(each.name)!r}; {known}"))
-        return super().set_parameters_atomically(parameter_list)
+        return super().set_parameters_atomically([self._as_declared(each) for each in parameter_list])
+
+    def _as_declared(self, given: Parameter) -> Parameter:
+        number = with_decimals(given.value)
+        declared = self.get_parameter_or(given.name).type_
+        takes = declared in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
+        return Parameter(given.name, value=number) if takes and number is not given.value else given
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         """As rclpy's; parameters that `callback` cannot take are refused with a sentence."""

@@ -138,7 +138,7 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
     try:
         if given and isinstance(default, float | tuple):
             found = _given(node, name, first)
-            if (number := _with_decimals(found)) is not found:
+            if (number := with_decimals(found)) is not found:
                 first, given = number, False
         value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
     except InvalidParameterTypeException as error:
@@ -231,7 +231,6 @@ class LiveParameters(Generic[Settings]):
         self._node, self._check, self._apply = node, check, apply
         self._about = {name: (default, about) for name, default, about in described(self.values)}
         self._is_quiet = False
-        node.add_pre_set_parameters_callback(self._pre_set)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
 
@@ -255,15 +254,6 @@ class LiveParameters(Generic[Settings]):
             if change.name in self._about
         }
         return frozenset(values), dataclasses.replace(self.values, **values)  # type: ignore[type-var]
-
-    def _pre_set(self, changes: list[Parameter]) -> list[Parameter]:
-        """Take whole numbers for numbers: `2` for `2.0`."""
-        return [
-            Parameter(change.name, value=_with_decimals(change.value))
-            if isinstance(self._about.get(change.name, (None,))[0], float | tuple)
-            else change
-            for change in changes
-        ]
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         try:
@@ -290,11 +280,11 @@ def _given(node: Node, name: str, default: Any) -> Any:
     return value
 
 
-def _with_decimals(value: Any) -> Any:
-    """Whole numbers, alone or in a list, as numbers; anything else as it is."""
-    if isinstance(value, int) and not isinstance(value, bool):
+def with_decimals(value: Any) -> Any:
+    """Return whole numbers, alone or in a list, as numbers; anything else as it is."""
+    if type(value) is int:
         return float(value)
-    if isinstance(value, list | array) and all(type(each) is int for each in value):
+    if isinstance(value, list | array) and len(value) and all(type(each) is int for each in value):
         return [float(each) for each in value]
     return value
 

@@ -38,6 +38,11 @@ class Settings:
     weights: tuple[float, float] = parameter((1.0, 1.0), "Two weights", within=(0.0, 5.0))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Other:
+    more: float = parameter(1.0, "Another number", within=(0.0, 10.0))
+
+
 @pytest.fixture
 def context(ros_domain: int) -> Iterator[Context]:
     own = Context()
@@ -99,14 +104,18 @@ def test_a_name_that_is_not_declared_is_answered_with_the_nearest(context: Conte
 
 
 def test_whole_numbers_are_numbers_at_the_start_and_later(context: Context) -> None:
-    node = node_with(context, gain=3, weights=[2, 1])
+    overrides = [Parameter("gain", value=3), Parameter("weights", value=[2, 1])]
+    node = GuardedNode("parameters", context=context, parameter_overrides=overrides)
+    other = LiveParameters(node, Other())
     parameters = LiveParameters(node, Settings())
     assert (parameters.values.gain, parameters.values.weights) == (3.0, (2.0, 1.0))
     for change in (Parameter("gain", value=4), Parameter("weights", value=[3, 4])):
-        assert node.set_parameters([change])[0].successful
+        assert node.set_parameters_atomically([change]).successful
     assert (parameters.values.gain, parameters.values.weights) == (4.0, (3.0, 4.0))
-    assert not node.set_parameters([Parameter("count", value=2.5)])[0].successful
-    assert not node.set_parameters([Parameter("gain", value=True)])[0].successful
+    assert not node.set_parameters_atomically([Parameter("count", value=2.5)]).successful
+    assert not node.set_parameters_atomically([Parameter("gain", value=True)]).successful
+    assert node.set_parameters_atomically([Parameter("more", value=2)]).successful
+    assert other.values.more == 2.0
     assert (node.get_parameter("gain").value, parameters.values.count) == (4.0, 3)
     node.destroy_node()
 
