@@ -87,7 +87,7 @@ class BoardSession:
 
         No other board is driven: its USB chip has to say the same as before, and what the board said of
         itself it has to say again. A board that did neither, such as one that says nothing, on a
-        pseudo-terminal, is not opened.
+        pseudo-terminal, is not opened; before any was met, only where silence is no board's.
 
         Args:
             port: Name from the person; empty: the one board that is plugged in.
@@ -100,7 +100,8 @@ class BoardSession:
         if driver is None:
             return
         met = driver.met
-        if not (self._usb or self._stable_port or (met is not None and met.identity)):
+        told = driver.always_speaks if met is None else bool(met.identity)
+        if not (self._usb or self._stable_port or told):
             raise PortError(
                 port,
                 f"whether the board on {port} is still the one that was configured cannot be told (it has"

@@ -105,6 +105,7 @@ class ServoDriver(BoardPort):
             raise SceneError(f"robot {robot.name}: {error}") from error
         super().__init__(board, spoken, baud_rate or spoken[-1].baud_rate or board.baud_rate, on_tilt, clock)
         self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
+        self.always_speaks = Ability.DETECT in spoken[-1].abilities  # else silence may be a board's
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         self._commands = ServoCommands(robot.joint_names, self.servo_joints)
         limits = {joint.name: joint.limits for joint in robot.joints}
