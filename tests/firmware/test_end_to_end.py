@@ -227,8 +227,7 @@ def test_unplugged_at_any_time_it_comes_back_slowly(
     process = bridge()
     publisher = client.publisher(Float64MultiArray, "position_controller/commands")
     stream(publisher, commands(90, 120, 165))
-    phases = {
-        "boot window": lambda board: board.is_open,
+    phases = {  # from when the board has said its number: one lost before is not opened again
         "ramp": lambda board: (board.widths_us() or (9999.0,))[0] < byte_to_width(140),
         "streaming": at(90, 120, 165),
     }
@@ -240,7 +239,7 @@ def test_unplugged_at_any_time_it_comes_back_slowly(
         far_end.replug()  # a new port behind the same link
     assert far_end.wait_for(at(90, 120, 165)), f"{far_end.widths_us()} {process.output}"
     assert fastest_step_us(far_end) <= SLEW_US + 1.0
-    assert far_end.open_count >= 4
+    assert far_end.open_count >= 3
 
 
 class NoisyLine:
