@@ -100,8 +100,8 @@ class BoardSession:
         if driver is None:
             return
         met = driver.met
-        told = driver.always_speaks if met is None else bool(met.identity)
-        if not (self._usb or self._stable_port or told):
+        says_what_it_is = driver.always_speaks if met is None else bool(met.identity)
+        if not (self._usb or self._stable_port or says_what_it_is):
             raise PortError(
                 port,
                 f"whether the board on {port} is still the one that was configured cannot be told (it has"
