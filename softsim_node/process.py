@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -41,6 +42,12 @@ class RunnableNode(Protocol):
 
 
 NodeType = TypeVar("NodeType", bound=RunnableNode)
+
+END_LIMIT_S = 60.0
+"""A process that ends has this long for it in [s]; one that hangs is ended then, with the stacks of its
+threads on stderr and exit code 1."""
+
+_STDERR = 2
 
 
 class RosStartError(SoftSimError, RuntimeError):
@@ -83,7 +90,8 @@ def ros_process() -> Iterator[None]:
             with _ending_quietly():
                 yield
         finally:
-            rclpy.utilities.try_shutdown()
+            with _limited_end():
+                rclpy.utilities.try_shutdown()
 
 
 def run_node(
@@ -125,11 +133,12 @@ def run_node(
     except SystemExit as end:  # of the command line
         code = int(end.code or 0)
     finally:
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.utilities.try_shutdown()
-        ending.over()
+        with _limited_end():
+            if node is not None:
+                node.close()
+                node.destroy_node()
+            rclpy.utilities.try_shutdown()
+            ending.over()
     return ending.leave(code)
 
 
@@ -137,6 +146,20 @@ def complain(sentence: str) -> int:
     """Write one sentence to stderr; returns the exit code 1."""
     sys.stderr.write(f"{sentence}\n")
     return 1
+
+
+@contextmanager
+def _limited_end() -> Iterator[None]:
+    """End the process where the block takes longer than END_LIMIT_S.
+
+    Fast DDS can deadlock while it is taken down, above all after another process of its domain was killed.
+    Such a call may hold Python's lock, so no thread of Python could end it; faulthandler needs no lock.
+    """
+    faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=_STDERR)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 @contextmanager

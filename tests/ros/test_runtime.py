@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -13,6 +15,7 @@ pytestmark = pytest.mark.ros
 
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from waiting import DEADLINE_S  # noqa: E402
 
 from softsim_core.errors import SceneError  # noqa: E402
 from softsim_node.help import Program  # noqa: E402
@@ -88,3 +91,36 @@ def test_run_node_closes_the_node_when_its_context_ends(ros_domain: int, capfd: 
 def test_run_node_refuses_wrong_ros_arguments(ros_domain: int, capfd: Any) -> None:
     assert run_node(PROGRAM, lambda _: Stopping(), ["--ros-args", "-p", "nonsense"]) == 1
     assert "nonsense" in capfd.readouterr().err.splitlines()[-1]
+
+
+HANGING = """
+import ctypes
+import sys
+
+from softsim_node import process
+from softsim_node.help import Program
+from softsim_ros.runtime import ClosableNode
+
+process.END_LIMIT_S = 1.0
+
+
+class Hanging(ClosableNode):
+    def __init__(self):
+        super().__init__("hanging")
+        self.create_timer(0.01, self.context.try_shutdown)
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).pause()  # holds Python's lock, as rclpy does while Fast DDS is taken down
+
+
+sys.exit(process.run_node(Program(name="trial", about="Tries."), lambda _: Hanging(), []))
+"""
+
+
+def test_a_node_that_hangs_at_its_end_is_ended_and_shows_where(ros_domain: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", HANGING], capture_output=True, text=True, check=False, timeout=DEADLINE_S
+    )
+    assert ended.returncode == 1
+    assert "Timeout" in ended.stderr
+    assert "in destroy_node" in ended.stderr
