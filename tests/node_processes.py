@@ -11,8 +11,8 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -53,8 +53,8 @@ def forget_killed_processes(domain: int) -> None:
 
 
 @contextmanager
-def private_ros(folder: Path) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now, in the environment; logs go to `folder`.
+def reserved_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other test on this machine uses now.
 
     A bound port stands for the domain. Processes of the test inherit it: one that outlives a killed test run
     keeps its domain, and disturbs nobody.
@@ -70,16 +70,30 @@ def private_ros(folder: Path) -> Iterator[int]:
             guard.close()
             continue
         forget_killed_processes(domain)
-        with guard, pytest.MonkeyPatch.context() as patch:
-            patch.setenv("ROS_DOMAIN_ID", str(domain))
-            patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-            patch.setenv("ROS_LOG_DIR", str(folder / "log"))
-            patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        with guard:
             domain_guards.append(guard.fileno())
             yield domain
             domain_guards.remove(guard.fileno())
         return
     pytest.fail("no free ROS domain")
+
+
+@contextmanager
+def ros_environment(domain: int, folder: Path) -> Iterator[None]:
+    """Set the environment of processes in a ROS domain; their logs and states go to `folder`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("ROS_LOG_DIR", str(folder / "log"))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        yield
+
+
+@contextmanager
+def private_ros(folder: Path) -> Iterator[int]:
+    """Reserve a ROS domain and set it in the environment; logs go to `folder`."""
+    with reserved_domain() as domain, ros_environment(domain, folder):
+        yield domain
 
 
 def hears_hang_up() -> None:
@@ -96,6 +110,7 @@ class NodeProcess:
 
     def __init__(self, module: str, arguments: tuple[str, ...], log: Path) -> None:
         self._log, self.folder = log, log.parent
+        self._shown_from = 0
         path = os.pathsep.join(
             filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")])
         )  # apt's ROS, too
@@ -114,7 +129,12 @@ class NodeProcess:
 
     @property
     def output(self) -> str:
-        return self._log.read_text()
+        """What it has written since its start, or since the last call of `forget_output`."""
+        return self._log.read_bytes()[self._shown_from :].decode()
+
+    def forget_output(self) -> None:
+        """Leave out of `output` what it has written so far."""
+        self._shown_from = self._log.stat().st_size
 
     @property
     def state(self) -> str:
@@ -127,17 +147,36 @@ class NodeProcess:
         spin_until(lambda: text in self.output or self.process.poll() is not None, deadline_s)
         return text in self.output
 
-    def end(self, number: signal.Signals = signal.SIGINT) -> int:
-        """Send a signal and wait; the exit code."""
+    def end(self, number: signal.Signals = signal.SIGINT, deadline_s: float = DEADLINE_S) -> int:
+        """Send a signal and wait for the end of the process.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            AssertionError: It did not end before the deadline. The process is ended with SIGABRT, on which
+                Python's fault handler writes the stacks of all threads to the log that the message shows.
+        """
         self.process.send_signal(number)
-        return self.process.wait(DEADLINE_S)
+        try:
+            return self.process.wait(deadline_s)
+        except subprocess.TimeoutExpired:
+            self.process.send_signal(signal.SIGABRT)
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(DEADLINE_S)
+        raise AssertionError(f"not ended {deadline_s:g} s after {number.name}; then SIGABRT: {self.state}")
 
 
 class ProcessGroup:
-    """Starts modules with command line arguments; what they write goes to files in `folder`."""
+    """Starts modules with command line arguments; what they write goes to files in `folder`.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    Args:
+        folder: For the files.
+        others: Processes that somebody else starts and ends, whose output is shown, too.
+    """
+
+    def __init__(self, folder: Path, others: Sequence[NodeProcess] = ()) -> None:
+        self._folder, self._others = folder, others
         self._processes: list[NodeProcess] = []
 
     def __call__(self, module: str, *arguments: str) -> NodeProcess:
@@ -148,7 +187,7 @@ class ProcessGroup:
     @property
     def output(self) -> str:
         """Whether each runs, and what it has written."""
-        return "\n".join(process.state for process in self._processes)
+        return "\n".join(process.state for process in (*self._others, *self._processes))
 
     def end(self) -> None:
         """End what still runs; each has to end in order, and none may have written a traceback."""

@@ -6,72 +6,58 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros
+from node_processes import Client, NodeProcess, ProcessGroup, parameter_words, private_ros, ros_environment
+from shared_robots import SIMULATOR, Robot, SharedRobot, SharedRobots
 from waiting import BUILD_S, spin_until
 
-SIMULATOR = "softsim_ros.simulator.simulator_node"
 
-
-class Robot:
-    """A simulator process seen through its topics and services."""
-
-    def __init__(self, process: NodeProcess, client: Client) -> None:
-        self.process, self.client = process, client
-
-    def trigger(self, name: str) -> tuple[bool, str]:
-        from std_srvs.srv import Trigger
-
-        answer = self.client.call(Trigger, f"simulator/{name}")
-        return answer.success, answer.message
-
-    def pause(self, paused: bool) -> tuple[bool, str]:
-        from std_srvs.srv import SetBool
-
-        answer = self.client.call(SetBool, "simulator/pause", SetBool.Request(data=paused))
-        return answer.success, answer.message
-
-    def command(self, values: list[float]) -> None:
-        from std_msgs.msg import Float64MultiArray
-
-        self.client.publish("position_controller/commands", Float64MultiArray(data=values))
-
-    def set_parameters(self, **values: Any) -> tuple[bool, str]:
-        from rcl_interfaces.srv import SetParametersAtomically
-        from rclpy.parameter import Parameter
-
-        messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        result = self.client.call(
-            SetParametersAtomically,
-            "simulator/set_parameters_atomically",
-            SetParametersAtomically.Request(parameters=messages),
-        ).result
-        return result.successful, result.reason
-
-    def get_parameter(self, name: str) -> Any:
-        from rcl_interfaces.srv import GetParameters
-        from rclpy.parameter import parameter_value_to_python
-
-        values = self.client.call(
-            GetParameters, "simulator/get_parameters", GetParameters.Request(names=[name])
-        ).values
-        return parameter_value_to_python(values[0])
-
-    def warns(self, text: str) -> bool:
-        return self.process.says(text)
+@pytest.fixture(scope="session")
+def shared_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedRobots]:
+    """Robots that run on for the tests of several files, each started when it is first asked for."""
+    robots = SharedRobots(lambda: tmp_path_factory.mktemp("shared_robot"))
+    yield robots
+    robots.end()
 
 
 @pytest.fixture(scope="module")
-def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now, in the environment of these tests."""
+def shared_robot(request: pytest.FixtureRequest) -> Iterator[SharedRobot | None]:
+    """The running robot that the module shares with others (its marker `shared_robot`), or None.
+
+    It is paused between modules, where it would slow down the tests of other robots.
+    """
+    marker = request.node.get_closest_marker("shared_robot")
+    if marker is None:
+        yield None
+        return
     pytest.importorskip("rclpy")
-    with private_ros(tmp_path_factory.mktemp("ros")) as domain:
-        yield domain
+    robot = request.getfixturevalue("shared_robots").running(*marker.args)
+    yield robot
+    robot.check()
 
 
 @pytest.fixture(scope="module")
-def start_process(tmp_path_factory: pytest.TempPathFactory, ros_domain: int) -> Iterator[ProcessGroup]:
+def ros_domain(tmp_path_factory: pytest.TempPathFactory, shared_robot: SharedRobot | None) -> Iterator[int]:
+    """The ROS domain of the module, in the environment of its tests.
+
+    It is the domain of the shared robot, or one that no other test on this machine uses now.
+    """
+    pytest.importorskip("rclpy")
+    folder = tmp_path_factory.mktemp("ros")
+    if shared_robot is None:
+        with private_ros(folder) as domain:
+            yield domain
+    else:
+        with ros_environment(shared_robot.domain, folder):
+            yield shared_robot.domain
+
+
+@pytest.fixture(scope="module")
+def start_process(
+    tmp_path_factory: pytest.TempPathFactory, ros_domain: int, shared_robot: SharedRobot | None
+) -> Iterator[ProcessGroup]:
     """Starts a module with command line arguments; what still runs at the end is ended and checked."""
-    processes = ProcessGroup(tmp_path_factory.mktemp("processes"))
+    others = [] if shared_robot is None else [shared_robot.process]
+    processes = ProcessGroup(tmp_path_factory.mktemp("processes"), others)
     yield processes
     processes.end()
 
@@ -97,18 +83,23 @@ def start_robot(start_process: Callable[..., NodeProcess], client: Client) -> Ca
 
 
 @pytest.fixture(scope="module")
-def running_tripod(start_robot: Callable[..., Robot]) -> Robot:
-    """One Tripod for the tests of a module."""
-    return start_robot()
+def running_tripod(
+    request: pytest.FixtureRequest, shared_robot: SharedRobot | None, client: Client
+) -> Iterator[Robot]:
+    """One Tripod for the tests of a module: the shared one where the module has its marker, or its own."""
+    if shared_robot is None:
+        yield request.getfixturevalue("start_robot")()
+        return
+    robot = shared_robot.seen_by(client)
+    robot.restore()
+    yield robot
+    assert robot.pause(True)[0]
 
 
 @pytest.fixture
 def tripod(running_tripod: Robot) -> Robot:
-    """The module's Tripod, running, back at its start, its physics as in its file."""
-    assert running_tripod.pause(False)[0]
-    tuned = {"young_modulus": 250.0e3, "poisson_ratio": 0.45, "enforce_limits": True, "speed": 1.0}
-    assert running_tripod.set_parameters(**tuned) == (True, "")
-    assert running_tripod.trigger("reset")[0]
+    """The module's Tripod, running, back at its start, with the parameters it was started with."""
+    running_tripod.restore()
     return running_tripod
 
 

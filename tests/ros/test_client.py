@@ -19,7 +19,7 @@ from softsim_ros.client.discovery import RobotChoiceError, RunningRobot, running
 from softsim_ros.client.session import ClientError, RobotSession, connect
 from softsim_ros.client.state import EffectorPose
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MID = load_scene("tripod").poses["mid"]

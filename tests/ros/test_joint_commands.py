@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from builtin_interfaces.msg import Duration, Time  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
