@@ -19,10 +19,6 @@ GID_PREFIX = 12
 """Bytes of an endpoint's identifier that name its participant."""
 
 
-class NewsLostError(AssertionError):
-    """A process offers a service, and this one never got to hear by which node."""
-
-
 class Introductions:
     """Whom a node of the test has met, by participant: a process that starts again is met again.
 
@@ -43,7 +39,7 @@ class Introductions:
         """
         graph, wanted = self._node, (node, namespace)
         names = graph.get_service_names_and_types() if services else graph.get_topic_names_and_types()
-        ends = self._answering if services else graph.get_publishers_info_by_topic
+        ends = self._ends if services else graph.get_publishers_info_by_topic
         return {
             name: types
             for name, types in names
@@ -51,65 +47,55 @@ class Introductions:
         }
 
     def wait(self, service: str) -> None:
-        """Wait until the process that offers a service (its full name) has found this one.
-
-        Raises:
-            NewsLostError: no node is known to offer it, or none that does can be asked.
-        """
-        if not spin_until(lambda: self._all_met(service)):
-            nodes = sorted(self._node.get_node_names_and_namespaces())
-            raise NewsLostError(
-                f"no node is known to offer {service}, or none that does can be asked; known are {nodes},"
-                f" by process {self._participants()}{self._written()}"
-            )
+        """Wait until every process that offers a service (its full name) has found this one."""
+        assert spin_until(lambda: self._all_met(service)), (
+            f"nobody is known to offer {service}, or whoever does has no parameters to ask for;"
+            f" known are {self._node.get_service_names_and_types()}{self._written()}"
+        )
 
     def _all_met(self, service: str) -> bool:
-        """Whether all who offer a service now are met; strangers among them are asked first.
+        """Whether all who offer a service now are met; strangers among them are asked first."""
+        offering = self._answering(service)
+        for stranger in offering - self._met:
+            question = self._question(stranger)
+            if question is None:
+                return False
+            self._ask(question, stranger)
+        return bool(offering)
 
-        Who offers it may change in between: a process that was killed is known for seconds after its end.
-        """
-        offering = self._offered_by(service)
-        strangers = offering - self._met
-        if questions := self._questions(strangers):
-            self._ask(questions[0])
-            self._met |= strangers
-        return bool(offering) and offering <= self._met
-
-    def _answering(self, service: str) -> Any:
+    def _ends(self, service: str) -> Any:
         """Endpoints that answer questions to a service."""
         return self._node.get_publishers_info_by_topic(f"rr{service}Reply", no_mangle=True)
 
-    def _offered_by(self, service: str) -> set[bytes]:
-        """Participants that offer a service, as far as all that is needed to meet them is known."""
-        offering = {participant(end) for end in self._answering(service)}
-        known = set().union(*self._participants().values())
-        return offering if offering <= known else set()
+    def _answering(self, service: str) -> set[bytes]:
+        """Participants that offer a service."""
+        return {participant(end) for end in self._ends(service)}
 
-    def _questions(self, strangers: set[bytes]) -> list[str]:
-        """Services that change nothing, of any node of these participants."""
-        nodes = [node for node, found in self._participants().items() if found & strangers]
-        questions = [f"{space.rstrip('/')}/{name}/get_parameters" for name, space in nodes]
-        return [each for each in questions if self._answering(each)]
+    def _question(self, stranger: bytes) -> str | None:
+        """A service of a participant that changes nothing, where one is known.
 
-    def _participants(self) -> dict[tuple[str, str], set[bytes]]:
-        """Identifiers of the participants that run a node, by its name and namespace."""
-        found: dict[tuple[str, str], set[bytes]] = {}
-        for end in self._node.get_publishers_info_by_topic("/parameter_events"):  # every node has this one
-            node = (end.node_name, end.node_namespace)
-            found.setdefault(node, set()).add(participant(end))
-        return found
+        It is found by its endpoint: the names of a participant's nodes come in a message of their own, which
+        may be lost.
+        """
+        for name, types in self._node.get_service_names_and_types():
+            if "rcl_interfaces/srv/GetParameters" in types and stranger in self._answering(name):
+                return str(name)
+        return None
 
-    def _ask(self, question: str) -> None:
+    def _ask(self, question: str, stranger: bytes) -> None:
+        """Ask until an answer comes, or until the end of a killed process, known for seconds, is noticed."""
         from rcl_interfaces.srv import GetParameters
 
         client = self._node.create_client(GetParameters, question)
         answered = threading.Event()
         end = time.monotonic() + DEADLINE_S
-        while not answered.is_set():
+        while not answered.is_set() and stranger in self._answering(question):
             assert time.monotonic() < end, f"no answer from {question}{self._written()}"
             client.call_async(GetParameters.Request()).add_done_callback(lambda _: answered.set())
             answered.wait(REPEATED_AFTER_S)
         self._node.destroy_client(client)
+        if answered.is_set():
+            self._met.add(stranger)
 
 
 def participant(end: Any) -> bytes:

@@ -206,7 +206,11 @@ class ProcessGroup:
 LOST_S = 20.0
 """A request without an answer for so long in [s] counts as lost on its way."""
 NEWS_S = 0.05
-"""Time in [s] that a process which is known gets to hear of a new client."""
+"""Time in [s] that a process which is known gets to hear of a new client.
+
+A request that overtakes this news is not answered, and no interface shows whether the other side has heard.
+Where this time is too short, the request is repeated after `LOST_S`.
+"""
 
 
 class Answer:
@@ -309,7 +313,7 @@ class Client:
             self._clients[name] = self.node.create_client(service_type, name)
         assert self._clients[name].wait_for_service(DEADLINE_S), f"no service {name}{self._written}"
         self._introductions.wait(self.node.resolve_service_name(name))
-        if new:  # a request that overtakes the news of its client is lost
+        if new:
             threading.Event().wait(NEWS_S)
         return self._clients[name]
 

@@ -15,15 +15,6 @@ RERUNS: Mapping[str, str] = {
     "tests/firmware/test_end_to_end_soak.py::test_nothing_is_lost_and_nothing_grows": (
         "needs 48 packets a second of wall time for 20 s; a machine that pauses sends fewer"
     ),
-    "tests/ros/test_bridge_benchmark.py::test_every_command_reaches_the_line_within_two_periods": (
-        "measures 25 ms by the wall clock; a machine that pauses a process for longer is not the bridge"
-    ),
-    "tests/ros/test_demo_grasp.py::test_the_cube_is_lifted_held_and_put_down": (
-        "the simulation runs as fast as it can; a plan that is late on its way shifts what is measured"
-    ),
-    "tests/ros/test_maze_run.py::test_the_ball_reaches_the_goal": (
-        "the inverse controller works by the wall clock; where the machine pauses it, the plate tilts late"
-    ),
     "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
         "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
     ),
@@ -32,12 +23,6 @@ RERUNS: Mapping[str, str] = {
     ),
 }
 """Why a test may run once more, by its id without parameters."""
-
-NEWS_LOST = (
-    "the middleware told of a service and not of its node; seen twice in whole suites, when nodes were looked"
-    " up by name, which finds the first of that name"
-)
-"""Why a test that talks to processes may run once more where it fails with `introductions.NewsLostError`."""
 
 
 class Reruns:
@@ -55,8 +40,6 @@ class Reruns:
             for item in items:
                 if without_parameters(item.nodeid) in self._reasons:
                     item.add_marker(pytest.mark.flaky(reruns=1))
-                elif "ros_domain" in getattr(item, "fixturenames", ()):
-                    item.add_marker(pytest.mark.flaky(reruns=1, only_rerun=["NewsLostError"]))
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         again = terminalreporter.stats.get("rerun", [])
@@ -64,7 +47,7 @@ class Reruns:
             terminalreporter.section("run once more")
         for report in again:
             name = without_parameters(report.nodeid)
-            terminalreporter.write_line(f"{report.nodeid}: {self._reasons.get(name, NEWS_LOST)}")
+            terminalreporter.write_line(f"{report.nodeid}: {self._reasons[name]}")
 
 
 def without_parameters(nodeid: str) -> str:

@@ -1,4 +1,4 @@
-"""Only tests named with a reason, and those whose middleware lost news, run once more, and it is told."""
+"""Only tests named with a reason run once more, and it is told."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from reruns import NEWS_LOST, RERUNS, without_parameters
+from reruns import RERUNS, without_parameters
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FAILS_ONCE = """
@@ -27,20 +27,6 @@ def test_other():
     first = not seen.exists()
     seen.touch()
     assert not first
-
-@pytest.fixture
-def ros_domain():
-    return 0
-
-@pytest.mark.parametrize("error", ["NewsLostError", "AssertionError"])
-def test_of_processes(ros_domain, error):
-    from introductions import NewsLostError
-
-    seen = pathlib.Path(error)
-    first = not seen.exists()
-    seen.touch()
-    if first:
-        raise {"NewsLostError": NewsLostError, "AssertionError": AssertionError}[error]("no node is known")
 """
 REGISTERS = """
 from reruns import Reruns
@@ -65,10 +51,8 @@ def test_a_named_test_runs_once_more_with_its_reason_and_no_other_does(tmp_path:
         check=False,
     )
     assert "test_some.py::test_named[1]: the moon was full" in run.stdout, run.stdout + run.stderr
-    assert f"test_some.py::test_of_processes[NewsLostError]: {NEWS_LOST}" in run.stdout
-    assert "2 failed, 3 passed, 2 rerun" in run.stdout
+    assert "1 failed, 2 passed, 1 rerun" in run.stdout
     assert "FAILED test_some.py::test_other" in run.stdout
-    assert "FAILED test_some.py::test_of_processes[AssertionError]" in run.stdout
 
 
 @pytest.mark.parametrize("name", RERUNS)

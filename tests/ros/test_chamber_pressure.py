@@ -75,7 +75,7 @@ def test_the_pressure_is_the_effort_and_the_air_around(cube: Any, spin_until: An
         assert message.fluid_pressure == AIR_AROUND + effort
         assert message.variance == 0.0
         assert message.header.frame_id == by_stamp(states)[stamp].header.frame_id == "tripod/base_link"
-    assert offered(cube) == {TOPIC: [TYPE]}
+    assert spin_until(lambda: offered(cube) == {TOPIC: [TYPE]})
 
 
 @pytest.mark.slow

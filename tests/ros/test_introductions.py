@@ -46,8 +46,8 @@ def test_the_one_of_several_namesakes_that_offers_a_service_is_met(
         namesakes[index].create_service(Trigger, "~/step", lambda _, answer: answer)
         met = Introductions(client.node, str)
         met.wait("/tripod/simulator/step")
-        offered = client.offered("simulator", "/tripod", services=True)
-        assert offered["/tripod/simulator/step"] == ["std_srvs/srv/Trigger"]
+        step = ("/tripod/simulator/step", ["std_srvs/srv/Trigger"])
+        assert spin_until(lambda: step in client.offered("simulator", "/tripod", services=True).items())
         assert spin_until(lambda: "/parameter_events" in client.offered("simulator", "/tripod"))
         assert client.offered("simulator", "/finger") == {}
     finally:
