@@ -25,6 +25,7 @@ from softsim_ros.client.state import (
     with_measurement,
 )
 from softsim_ros.client.wishes import INVERSE_OWNS, GoToPose, MoveAll, MoveJoint, StepJoints, Wish, decide
+from softsim_ros.messages import time_message
 from softsim_ros.qos import MEASURED, NEWEST_ONLY
 
 HOLD_INTERVAL_S: Final = 0.2
@@ -87,13 +88,20 @@ class Joints:
             self._publish(decision.values)
         done(Outcome(decision.values is not None, decision.sentence))
 
-    def follow(self, way_points: Sequence[tuple[float, Mapping[str, float]]], done: Done = unheeded) -> None:
+    def follow(
+        self,
+        way_points: Sequence[tuple[float, Mapping[str, float]]],
+        done: Done = unheeded,
+        *,
+        begin_s: float = 0.0,
+    ) -> None:
         """Have the simulator move joints along way points, within their limits; a command ends it.
 
         Args:
             way_points: Times from the start in [s], with positions in [rad] or [m] by joint: the same joints
                 at each.
             done: Called with the end: they were sent, or why not.
+            begin_s: Time of the start in [s], on the clock that stamps the joint states; 0: on arrival.
         """
         refusal = self._why_not_followed(way_points)
         if refusal:
@@ -102,6 +110,7 @@ class Joints:
             return
         names = list(way_points[0][1])
         message = JointTrajectory(joint_names=names)
+        message.header.stamp = time_message(begin_s)
         message.points = [
             JointTrajectoryPoint(
                 positions=[positions[name] for name in names],

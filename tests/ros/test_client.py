@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from waiting import BUILD_S
+from waiting import BUILD_S, DEADLINE_S
 
 pytest.importorskip("rclpy")
+
+from rclpy.context import Context
+from rclpy.parameter import Parameter
 
 from softsim_core.scene import load_scene
 from softsim_ros.cli.running import run
 from softsim_ros.client.discovery import RobotChoiceError, RunningRobot, running_robot, running_robots
 from softsim_ros.client.session import ClientError, RobotSession, connect
 from softsim_ros.client.state import EffectorPose
+from softsim_ros.runtime import SpinThread
+from softsim_ros.simulator.simulator_node import Simulator
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
@@ -27,7 +32,7 @@ MID = load_scene("tripod").poses["mid"]
 
 @pytest.fixture
 def robot(tripod: Any, ros_domain: int) -> Iterator[RobotSession]:
-    with connect("tripod", domain=ros_domain) as session:
+    with connect("tripod", domain=ros_domain, within_s=DEADLINE_S) as session:
         yield session
 
 
@@ -38,7 +43,7 @@ def test_the_example_runs_as_it_stands(tripod: Any) -> None:
         env=None,
         capture_output=True,
         text=True,
-        timeout=180.0,
+        timeout=BUILD_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -50,7 +55,7 @@ def test_the_example_runs_as_it_stands(tripod: Any) -> None:
 
 def test_commands_arrive_within_limits_and_the_state_follows(robot: RobotSession) -> None:
     assert robot.do(robot.client.joints.go_to, "mid") == "pose mid"
-    state = robot.wait_until_there()
+    state = robot.wait_until_there(DEADLINE_S)
     assert state.measured == pytest.approx(MID, abs=0.02)
     assert len(state.efforts) == 3
     assert (state.simulator, state.bridge, state.inverse) == ("running", "not running", False)
@@ -69,17 +74,17 @@ def test_time_stands_still_steps_and_begins_anew(robot: RobotSession) -> None:
     simulator = robot.client.simulator
     robot.do(simulator.step)  # pauses first
     assert robot.state.simulator == "paused"
-    measured_at = robot.wait_until(lambda state: state.measured is not None).measured_at
+    measured_at = robot.wait_until(lambda state: state.measured is not None, DEADLINE_S).measured_at
     robot.do(simulator.step)
-    robot.wait_until(lambda state: state.measured_at > measured_at, what="a step")
+    robot.wait_until(lambda state: state.measured_at > measured_at, DEADLINE_S, what="a step")
     robot.do(simulator.toggle_pause)
     assert robot.state.simulator == "running"
     robot.do(robot.client.joints.go_to, "mid")
-    robot.wait_until_there()
+    robot.wait_until_there(DEADLINE_S)
     robot.do(simulator.reset)
-    robot.wait_until(lambda state: max(map(abs, state.measured or (1.0,))) < 0.02, what="a reset")
+    robot.wait_until(lambda state: max(map(abs, state.measured or (1.0,))) < 0.02, DEADLINE_S, what="a reset")
     robot.do(simulator.parameters.set, "enforce_limits", False)
-    robot.wait_until(lambda state: state.enforce_limits is False, what="free joints")
+    robot.wait_until(lambda state: state.enforce_limits is False, DEADLINE_S, what="free joints")
     with pytest.raises(ClientError, match="refused: "):
         robot.do(simulator.parameters.set, "speed", -1.0)
 
@@ -107,27 +112,52 @@ def test_running_robots_are_found(robot: RobotSession, client: Any, spin_until: 
     assert spin_until(lambda: running_robots(client.node) == ["/tripod"])
 
 
-def test_the_robot_that_runs_is_found_where_none_is_named(tripod: Any, ros_domain: int) -> None:
-    assert running_robot() == RunningRobot("tripod", "/tripod")
-    assert running_robot("tripod").robot == "tripod"  # type: ignore[union-attr]
+def test_the_robot_that_runs_is_found_where_none_is_named(
+    tripod: Any, ros_domain: int, spin_until: Any
+) -> None:
+    assert running_robot(within_s=DEADLINE_S) == RunningRobot("tripod", "/tripod")
+    assert running_robot("tripod", within_s=DEADLINE_S).robot == "tripod"  # type: ignore[union-attr]
     assert running_robot("elsewhere", within_s=0.5) is None
-    with connect(domain=ros_domain) as session:
+    with connect(domain=ros_domain, within_s=DEADLINE_S) as session:
         assert session.client.robot.name == "tripod"
-    assert run._found([]) == ["--ros-args", "-p", "robot:=tripod", "-r", "__ns:=/tripod"]
+    words = ["--ros-args", "-p", "robot:=tripod", "-r", "__ns:=/tripod"]
+    assert spin_until(lambda: run._found([]) == words)
     assert run._found(["--ros-args", "-p", "robot:=tentacle"]) == run._found(["--help"]) == []
     topics = [sys.executable, "-m", "softsim_ros.cli", "topics", "--echo", "joint_states", "--count", "1"]
-    done = subprocess.run(topics, cwd=REPOSITORY, capture_output=True, text=True, timeout=60.0, check=False)
+    done = subprocess.run(
+        topics, cwd=REPOSITORY, capture_output=True, text=True, timeout=DEADLINE_S, check=False
+    )
     assert "servo_0" in done.stdout, done.stderr
 
 
+@pytest.fixture
+def second_robot(ros_domain: int) -> Iterator[None]:
+    """Another Tripod, in this process and in the namespace /second."""
+    context = Context()
+    context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=ros_domain)
+    overrides = [Parameter("backend", value="scipy")]
+    second = Simulator("tripod", context=context, namespace="/second", parameter_overrides=overrides)
+    second.physics.pause(True)
+    try:
+        with SpinThread([second], context):
+            yield
+    finally:
+        second.close()
+        context.try_shutdown()
+
+
 def test_of_several_robots_one_has_to_be_named(
-    tripod: Any, start_process: Any, spin_until: Any, client: Any
+    tripod: Any, second_robot: None, spin_until: Any, client: Any
 ) -> None:
-    words = ("--ros-args", "-r", "__ns:=/second", "-p", "robot:=tripod")
-    second = start_process("softsim_ros.simulator.simulator_node", *words)
-    assert second.says("simulating", BUILD_S)
     assert spin_until(lambda: running_robots(client.node) == ["/second", "/tripod"])
-    with pytest.raises(RobotChoiceError, match="several robots run: /second, /tripod; name the one"):
-        running_robot()
-    assert running_robot("second") == RunningRobot("tripod", "/second")
-    assert second.end() == 0
+
+    def refusal() -> str:
+        """Why none is chosen; empty while only one of them is found."""
+        try:
+            running_robot(within_s=DEADLINE_S)
+        except RobotChoiceError as error:
+            return str(error)
+        return ""
+
+    assert spin_until(lambda: "several robots run: /second, /tripod; name the one" in refusal())
+    assert running_robot("second", within_s=DEADLINE_S) == RunningRobot("tripod", "/second")

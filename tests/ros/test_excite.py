@@ -29,7 +29,7 @@ from softsim_ros.excitation.readings import not_before, times_of
 from softsim_ros.excitation.rows import drifts, rings_from
 from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CLI = "softsim_ros.cli"
@@ -68,7 +68,9 @@ def write_scene(file: Path, extends: str, **changes: Any) -> Path:
     return file
 
 
-def test_the_model_that_moved_is_found_without_error(ros_domain: int, tmp_path: Path) -> None:
+def test_the_model_that_moved_is_found_without_error(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Commands, stamps and the step in which a command acts are the simulator's, at rest and in time."""
     model = write_scene(tmp_path / "model.yaml", str(REPOSITORY / "configs/robots/tripod.yaml"), **COARSE)
     out = tmp_path / "bench"
@@ -79,9 +81,8 @@ def test_the_model_that_moved_is_found_without_error(ros_domain: int, tmp_path: 
     assert done.returncode == 0, done.stdout + done.stderr
     assert "measuring the simulated tripod with effector_pose: about" in done.stdout
     assert "grid: 3 rows, 3 of them count" in done.stdout
-    limits = json.loads(softsim("validate", str(out), "--json", "--max-max", "0.001").stdout)
-    assert len(limits["sessions"]) == 3
-    assert softsim("validate", str(out), "--max-max", "0.001").returncode == 0
+    assert main(["validate", str(out), "--json", "--max-max", "0.001"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["sessions"]) == 3
 
 
 @pytest.fixture
@@ -262,7 +263,7 @@ def test_what_a_late_sensor_says_of_the_pose_before_is_left_out() -> None:
 
 
 def test_the_whole_chain(
-    start_process: Callable[..., Any], ros_domain: int, tmp_path: Path, spin_until: Any
+    start_process: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Excite, validate, calibrate, validate, up: a robot with other zeros and stiffness, seen with noise."""
     model = write_scene(
@@ -289,11 +290,10 @@ def test_the_whole_chain(
     assert camera.end() == 0
     assert robot.end() == 0
 
-    before = softsim("validate", str(out), "--max-mean", "0.2")
-    assert before.returncode == 1
-    fitted = softsim("calibrate", str(out), "--out", str(found), "--json")
-    assert fitted.returncode == 0, fitted.stderr
-    told = json.loads(fitted.stdout)
+    assert main(["validate", str(out), "--max-mean", "0.2"]) == 1
+    capsys.readouterr()
+    assert main(["calibrate", str(out), "--out", str(found), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
     truth = dict(zip(("zero_0", "zero_1", "zero_2"), ZEROS, strict=True)) | {"young": 1e-3 * YOUNG}
     for each in told["parameters"]:
         assert each["found"], each
@@ -304,8 +304,7 @@ def test_the_whole_chain(
         assert error < SURE * each["standard_error"], each
         assert share < 0.2, each
     assert told["sessions"]["grid"]["mean_before_mm"] > 0.6
-    after = softsim("validate", str(out), "--robot", str(found), "--max-mean", "0.15")
-    assert after.returncode == 0, after.stdout + after.stderr
+    assert main(["validate", str(out), "--robot", str(found), "--max-mean", "0.15"]) == 0
 
     up = start_process(CLI, "up", str(found), "--headless", "--no-viewer")
     assert up.says("running", READY_S), up.output

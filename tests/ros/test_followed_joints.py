@@ -11,9 +11,14 @@ pytest.importorskip("urdf_parser_py")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from node_processes import Client, ProcessGroup  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from waiting import BUILD_S  # noqa: E402
+
+from softsim_node.parameters import ParameterError  # noqa: E402
+from softsim_ros.simulator.simulator_node import Simulator  # noqa: E402
 
 SIMULATOR = "softsim_ros.simulator.simulator_node"
 READY = [0.0, 0.4, 1.7, 0.0, 1.0416, 0.0, 0.0, 0.0, 0.0]
@@ -46,9 +51,12 @@ def test_the_arm_follows_and_the_gripper_is_commanded(
     assert robot.end() == 0
 
 
-def test_its_own_joint_states_are_not_followed(start_process: ProcessGroup) -> None:
-    robot = start_process(
-        SIMULATOR, *("--ros-args", "-p", "robot:=tripod", "-p", "follow_joint_states:=joint_states")
-    )
-    assert robot.says("the simulator sends that itself", BUILD_S), robot.output
-    assert robot.process.wait(BUILD_S) == 1
+def test_its_own_joint_states_are_not_followed(ros_domain: int) -> None:
+    context = Context()
+    context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=ros_domain)
+    overrides = [Parameter("follow_joint_states", value="joint_states"), Parameter("backend", value="scipy")]
+    try:
+        with pytest.raises(ParameterError, match="the simulator sends that itself"):
+            Simulator("tripod", context=context, parameter_overrides=overrides)
+    finally:
+        context.try_shutdown()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -12,13 +13,23 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from builtin_interfaces.msg import Duration, Time  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import Header, String  # noqa: E402
+from std_msgs.msg import Float64MultiArray, Header, String  # noqa: E402
 from topic_hardware import TopicHardware  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
+from softsim_ros.messages import time_message  # noqa: E402
+from softsim_ros.runtime import SpinThread  # noqa: E402
+from softsim_ros.simulator.simulator_node import Simulator  # noqa: E402
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def seconds(state: JointState) -> float:
+    return float(state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec)
 
 
 def at(states: list[JointState], *positions: float) -> bool:
@@ -89,24 +100,57 @@ def way_point(seconds: float, **values: list[float]) -> JointTrajectoryPoint:
     return JointTrajectoryPoint(time_from_start=Duration(sec=int(whole), nanosec=int(1e9 * part)), **values)
 
 
-def test_a_trajectory_begins_at_its_stamp_and_keeps_its_velocities(tripod: Any, spin_until: Any) -> None:
-    states = tripod.client.collect(JointState, "joint_states")
-    tripod.command([-0.5] * 3)
-    assert spin_until(lambda: at(states, -0.5, -0.5, -0.5))
-    begin = tripod.client.node.get_clock().now().nanoseconds + 500_000_000
+@pytest.fixture
+def paused_simulator(ros_domain: int) -> Iterator[Simulator]:
+    """A simulator in this process, which stands still, and stamps its messages with simulated time."""
+    context = Context()
+    context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=ros_domain)
+    overrides = [Parameter("publish_clock", value=True), Parameter("backend", value="scipy")]
+    simulator = Simulator("tripod", context=context, namespace="/stepped", parameter_overrides=overrides)
+    simulator.physics.pause(True)
+    try:
+        with SpinThread([simulator], context):
+            yield simulator
+    finally:
+        simulator.close()
+        context.try_shutdown()
+
+
+def test_a_trajectory_begins_at_its_stamp_and_keeps_its_velocities(
+    paused_simulator: Simulator, client: Any, spin_until: Any
+) -> None:
+    states = client.collect(JointState, "/stepped/joint_states")
+    physics = paused_simulator.physics
+
+    def step() -> JointState:
+        """The joints after one more step."""
+        physics.step_once()
+        assert spin_until(lambda: states and seconds(states[-1]) == pytest.approx(physics.status.time_s))
+        return states[-1]
+
+    def follows_a_command() -> bool:
+        client.publish("/stepped/position_controller/commands", Float64MultiArray(data=[-0.5] * 3))
+        step()
+        return at(states, -0.5, -0.5, -0.5)
+
+    assert spin_until(follows_a_command)
+    begin = physics.status.time_s + 2.0
     points = [
         way_point(0.5, positions=[-0.8], velocities=[0.3]),  # on the way down it turns and comes up
         way_point(1.0, positions=[-0.5], velocities=[0.0]),
     ]
     message = JointTrajectory(joint_names=["servo_1"], points=points)
-    message.header.stamp = Time(sec=begin // 10**9, nanosec=begin % 10**9)
-    states.clear()
-    tripod.client.publish("joint_trajectory", message)
-    assert spin_until(lambda: states and min(state.position[1] for state in states) < -0.8)  # passed by
-    moved = [state for state in states if state.position[1] != pytest.approx(-0.5, abs=1e-4)]
-    first = moved[0].header.stamp.sec * 10**9 + moved[0].header.stamp.nanosec
-    assert -0.05 < 1e-9 * (first - begin) < 5.0  # a busy machine simulates more slowly
-    assert spin_until(lambda: at(states, -0.5, -0.5, -0.5))
+    message.header.stamp = time_message(begin)
+    client.publish("/stepped/joint_trajectory", message)
+    assert spin_until(lambda: step() and physics.status.trajectory)
+    way = {}
+    while physics.status.trajectory:
+        state = step()
+        way[seconds(state)] = state.position[1]
+    first = min(time for time, position in way.items() if position != pytest.approx(-0.5, abs=1e-6))
+    assert begin < first < begin + 2.5 * physics.status.dt
+    assert min(way.values()) < -0.8  # passed by
+    assert at([step()], -0.5, -0.5, -0.5)
 
 
 @pytest.mark.parametrize(

@@ -28,13 +28,16 @@ PATIENCE_S = 60.0
 
 LOOK_PERIOD_S = 0.05
 
+LEAD_S: Final = 1.0
+"""A plan begins this long after it is sent, in simulated [s]: in the meantime it reaches the simulator."""
+
 
 class Show(Protocol):
     """A plan that is sent once, and what topics tell of it.
 
     Attributes:
         duration_s: How long it takes, in simulated [s].
-        began: Simulated time at which it was sent in [s]; None: it was not.
+        began: Simulated time at which it begins in [s]; None: it was not sent.
     """
 
     duration_s: float
@@ -52,7 +55,7 @@ class Show(Protocol):
 
     @property
     def elapsed(self) -> float:
-        """Simulated seconds since the plan was sent."""
+        """Simulated seconds since the plan began; < 0 before."""
         ...
 
     @property

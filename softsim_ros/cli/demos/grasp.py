@@ -10,6 +10,7 @@ import numpy as np
 from rclpy.node import Node
 
 from softsim_core.arrays import Array
+from softsim_ros.cli.demos.demo import LEAD_S
 from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
 from softsim_ros.client.robot_client import RobotClient
 from softsim_ros.client.services import Done
@@ -122,7 +123,7 @@ class Grasp:
 
     @property
     def elapsed(self) -> float:
-        """Simulated seconds since the plan was sent."""
+        """Simulated seconds since the plan began; < 0 before."""
         return self.samples[-1].time_s - self.began if self.began is not None else 0.0
 
     @property
@@ -134,8 +135,8 @@ class Grasp:
         """Send the plan: one trajectory of all joints."""
         names = self._client.robot.joint_names
         way_points = [(point.time_s, {name: _target(name, point) for name in names}) for point in PLAN]
-        self.began = self.samples[-1].time_s
-        self._client.joints.follow(way_points, done)
+        self.began = self.samples[-1].time_s + LEAD_S
+        self._client.joints.follow(way_points, done, begin_s=self.began)
 
     def result(self) -> GraspResult:
         """What was measured until now."""

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from softsim_core.arrays import Array
+from softsim_ros.cli.demos.demo import LEAD_S
 from softsim_ros.cli.demos.pick_plan import AWAY, UP, Phase, objects_of, phases_of, way_of
 from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
 from softsim_ros.client.robot_client import RobotClient
@@ -96,7 +97,7 @@ class PickAndPlace:
 
     @property
     def elapsed(self) -> float:
-        """Simulated seconds since the plan was sent."""
+        """Simulated seconds since the plan began; < 0 before."""
         return 0.0 if self.began is None else self._now - self.began
 
     @property
@@ -116,8 +117,8 @@ class PickAndPlace:
 
     def begin(self, done: Done) -> None:
         """Send the plan: one trajectory of all joints."""
-        self.began = self._now
-        self._client.joints.follow(self._way, done)
+        self.began = self._now + LEAD_S
+        self._client.joints.follow(self._way, done, begin_s=self.began)
 
     def told(self) -> tuple[list[str], bool]:
         """What was measured, in sentences, and whether all objects stand where they shall."""
