@@ -214,7 +214,7 @@ WRONG = {
     "raise ValueError('no such thing')": "no such thing",
     "pass": "wrote no mesh",
     "import sys; open(sys.argv[2], 'w').write('x')": "wrote no mesh",
-    "import time; time.sleep(60)": "stopped after 0.5 s",
+    "import time; time.sleep(600)": "stopped after 0.1 s",
     "import sys, numpy as n; n.savez(sys.argv[2], points=n.eye(3), tets=n.zeros((0, 4), int))": "nothing",
 }
 
@@ -223,25 +223,28 @@ WRONG = {
 def test_whatever_becomes_of_the_mesher_is_said_in_one_sentence(code: str) -> None:
     with pytest.raises(MeshError, match=WRONG[code]) as refusal:
         filled(
-            SURFACE, 5e-3, Filling(time_limit=0.5 if "sleep" in code else 60.0), (sys.executable, "-c", code)
+            SURFACE, 5e-3, Filling(time_limit=0.1 if "sleep" in code else 60.0), (sys.executable, "-c", code)
         )
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.slow
 def test_a_mesher_that_works_for_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softsim_core.meshing.filling.WORD_S", 0.1)
+    monkeypatch.setattr("softsim_core.meshing.filling.WORD_S", 0.05)
     said: list[float] = []
-    with pytest.raises(MeshError, match=r"stopped after 1 s"):
+
+    def waited(seconds: float) -> None:
+        said.append(seconds)
+        if len(said) == 3:
+            raise KeyboardInterrupt  # who waits has seen enough, and the mesher ends
+
+    with pytest.raises(KeyboardInterrupt):
         filled(
             SURFACE,
             5e-3,
-            Filling(time_limit=1.0, waited=said.append),
-            (sys.executable, "-c", "import time; time.sleep(60)"),
+            Filling(time_limit=600.0, waited=waited),
+            (sys.executable, "-c", "import time; time.sleep(600)"),
         )
     assert said == sorted(said)
-    assert len(said) >= 2
-    assert said[-1] < 1.5
 
 
 @mesher

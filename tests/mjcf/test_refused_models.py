@@ -1,10 +1,9 @@
-"""MuJoCo models that are broken, hostile or too large: each refused in one sentence, in time."""
+"""MuJoCo models that are broken, hostile or too large: each refused in one sentence."""
 
 from __future__ import annotations
 
 import random
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -23,7 +22,6 @@ FLEX = (
     '<flexcomp name="f" type="grid" dim="3" count="{}" spacing="{}" mass="1" radius="0.001">'
     '<elasticity young="{}" poisson="0.3"/></flexcomp>'
 )
-LIMIT_S = 30.0
 
 
 def written(folder: Path, text: str | bytes, name: str = "model.xml") -> Path:
@@ -150,10 +148,8 @@ def test_what_mujoco_refuses_is_one_sentence(what: str, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     for name in ("damaged.stl", "damaged.obj", "damaged.msh"):
         written(tmp_path, b"v nan 1 2\nf 1 2 99999999\n$MeshFormat\n\xff\x00" * 20, name)
-    begun = time.monotonic()
     with pytest.raises(MjcfError) as refusal:
         import_mjcf(written(tmp_path, SEEN_BY_MUJOCO[what]))
-    assert time.monotonic() - begun < LIMIT_S
     assert str(refusal.value).startswith(str(tmp_path / "model.xml"))
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 600
@@ -206,11 +202,10 @@ def test_damaged_models_become_a_scene_or_a_sentence(seed: int, tmp_path: Path) 
     text = rng.choice(texts)
     for _ in range(rng.randint(1, 3)):
         text = mutated(text, rng)
-    begun, said = time.monotonic(), ""
+    said = ""
     try:
         made = import_mjcf(written(tmp_path, text))
         load_scene(write_imported(made, tmp_path / "to", "model.xml"))
     except SoftSimError as refusal:
         said = str(refusal)
     assert "\n" not in said
-    assert time.monotonic() - begun < LIMIT_S

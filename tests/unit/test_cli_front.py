@@ -215,7 +215,7 @@ def test_the_code_for_a_shell_is_accepted_by_it(shell: str, capsys: pytest.Captu
     code = capsys.readouterr().out
     assert "softsim" in code
     if program := shutil.which(shell):
-        subprocess.run([program, "-n"], input=code, text=True, check=True, timeout=20)
+        subprocess.run([program, "-n"], input=code, text=True, check=True, timeout=60)
 
 
 def test_bash_completes_with_it(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_a_simulator_that_is_lost_holds_nothing_up_for_ever(
     bench.mode.attempt(lambda: "done")
     assert bench.mode.is_behind
     monkeypatch.setattr("softsim_ros.client.editing.TOLD_WITHIN_S", 0.0)
-    assert spin_until(lambda: bench.editing._expire() or not bench.mode.is_behind, 1.0)
+    assert spin_until(lambda: bench.editing._expire() or not bench.mode.is_behind)
     bench.mode.refresh()
     assert bench.said == ["done"]
 

@@ -15,8 +15,9 @@ from types import FunctionType, ModuleType
 import numpy as np
 import pytest
 from small_kernels import SOURCE, loaded
+from waiting import DEADLINE_S
 
-from softsim_core.kernels.compile_process import IDLE_S, CompileProcess, Wanted, compile_process
+from softsim_core.kernels.compile_process import CompileProcess, Wanted, compile_process
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -137,7 +138,7 @@ def test_types_that_no_other_process_knows_are_compiled_here(importable: ModuleT
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
     )
     assert run.stdout.split() == ["3.0", "4.0", "2", "0"], run.stderr
     assert run.stderr == ""
@@ -145,7 +146,10 @@ def test_types_that_no_other_process_knows_are_compiled_here(importable: ModuleT
 
 @pytest.mark.slow
 def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: ModuleType) -> None:
-    """However that ends; long before it would end by itself."""
+    """However that ends; the one that compiles imports the kernels, and would go on for long after them."""
+    idle = "\nfrom softsim_core.kernels import compile_process\ncompile_process.IDLE_S = 10.0 * 60.0\n"
+    assert importable.__file__ is not None
+    Path(importable.__file__).write_text(SOURCE + idle)
     code = (
         "import os, signal\n"
         "import numpy as np\n"
@@ -160,7 +164,7 @@ def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: Module
     ) as asks:
         assert asks.stdout is not None
         assert asks.stdout.readline() == "compiled\n"
-        asks.communicate(timeout=IDLE_S / 2)  # to the end of its errors, which are the other's, too
+        asks.communicate(timeout=DEADLINE_S)  # to the end of its errors, which are the other's, too
     assert asks.returncode == -signal.SIGKILL
 
 
@@ -202,7 +206,7 @@ def test_a_fork_has_a_process_of_its_own(importable: ModuleType) -> None:
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
     )
     assert run.stdout.split() == ["0", "0"], run.stderr
 

@@ -6,6 +6,7 @@ import sys
 import threading
 
 import pytest
+from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -45,7 +46,7 @@ def test_a_failure_gives_standard_output_back() -> None:
 def test_threads_are_kept_apart(capsys: pytest.CaptureFixture[str]) -> None:
     usual = sys.stdout
     heard: dict[str, list[str]] = {"a": [], "b": []}
-    meet = threading.Barrier(3, timeout=30.0)
+    meet = threading.Barrier(3, timeout=DEADLINE_S)
 
     def work(name: str) -> None:
         with printed_lines(heard[name].append):
@@ -60,7 +61,7 @@ def test_threads_are_kept_apart(capsys: pytest.CaptureFixture[str]) -> None:
     print("this thread is nobody's")
     meet.wait()
     for thread in threads:
-        thread.join(30.0)
+        thread.join(DEADLINE_S)
     assert heard == {"a": ["a speaks"], "b": ["b speaks"]}
     assert sys.stdout is usual
     assert capsys.readouterr().out == "this thread is nobody's\n"

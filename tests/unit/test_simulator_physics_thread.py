@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from waiting import DEADLINE_S
 
 from softsim_core import load_scene
 from softsim_core.actuation.trajectory import JointTrajectory
@@ -17,8 +18,6 @@ from softsim_core.simulation import Simulation
 from softsim_core.warmup import small_scene
 from softsim_ros.simulator.commanded import Commanded, Progress
 from softsim_ros.simulator.physics_thread import PhysicsThread
-
-DEADLINE_S = 10.0
 
 
 class Watcher:
