@@ -17,7 +17,7 @@ DRAWN = ("seed",)
 
 
 def sampled(name: str, cases: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Return cases as parameters: some in which each value of each column occurs; the others are exhaustive."""
+    """Return cases as parameters: a few that hold each value of each column; the others are exhaustive."""
     order = list(cases)
     random.Random(name).shuffle(order)
     met: set[tuple[int, Any]] = set()
@@ -31,32 +31,39 @@ def sampled(name: str, cases: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the SciPy path on a sample of the cases; a folder's `conftest.py` imports this hook.
+    """Leave to the exhaustive run what a sample stands for; a folder's `conftest.py` imports this hook.
 
-    Numba and SciPy compute the same steps; `tests/unit/test_steppers_agree.py` compares them. A test that runs
-    on both, for several cases, keeps every case on Numba and at least one on SciPy. The SciPy cases of a module
-    meet each element, law, actuator and scene of its cases.
+    Numba and SciPy compute the same steps; `tests/unit/test_steppers_agree.py` compares them. A test that
+    runs on both, for several cases, keeps every case on Numba and at least one on SciPy. The SciPy cases of a
+    module meet each element, law, actuator and scene of its cases. A slow test keeps one seed for each case.
     """
-    modules: dict[str, list[pytest.Function]] = defaultdict(list)
+    on_scipy: dict[str, list[pytest.Function]] = defaultdict(list)
+    seeded: dict[tuple[str, ...], list[pytest.Function]] = defaultdict(list)
     for item in items:
-        if (
-            isinstance(item, pytest.Function)
-            and hasattr(item, "callspec")
-            and item.callspec.params.get("backend") == "scipy"
-            and not item.get_closest_marker("exhaustive")
-        ):
-            modules[item.nodeid.partition("::")[0]].append(item)
-    for name, cases in modules.items():
-        order = sorted(cases, key=lambda case: case.nodeid)
-        random.Random(name).shuffle(order)
+        if isinstance(item, pytest.Function) and not item.get_closest_marker("exhaustive"):
+            given = item.callspec.params if hasattr(item, "callspec") else {}
+            if given.get("backend") == "scipy":
+                on_scipy[item.nodeid.partition("::")[0]].append(item)
+            if "seed" in given and item.get_closest_marker("slow"):
+                others = (repr(value) for key, value in given.items() if key != "seed")
+                seeded[(item.nodeid.partition("[")[0], *others)].append(item)
+    for name, cases in on_scipy.items():
         met: set[tuple[str, str]] = set()
-        for case in order:
-            features = {(key, _feature(key, value)) for key, value in (case.callspec.params.items())} | {
-                ("test", case.originalname)
-            }
+        for case in _shuffled(cases, name):
+            features = {(key, _feature(key, value)) for key, value in case.callspec.params.items()}
+            features.add(("test", case.originalname))
             if features <= met:
                 case.add_marker(pytest.mark.exhaustive)
             met |= features
+    for names, cases in seeded.items():
+        for case in _shuffled(cases, "-".join(names))[1:]:
+            case.add_marker(pytest.mark.exhaustive)
+
+
+def _shuffled(cases: Sequence[pytest.Function], name: str) -> list[pytest.Function]:
+    order = sorted(cases, key=lambda case: case.nodeid)
+    random.Random(name).shuffle(order)
+    return order
 
 
 def _feature(key: str, value: object) -> str:

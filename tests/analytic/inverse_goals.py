@@ -21,7 +21,7 @@ MARGIN = 0.1 * (UPPER - LOWER)
 START, SHIFT = np.full(3, -1.4965), 0.035
 """Joints in [rad] and base shift in [m] at the end of the start move."""
 
-COUNTS = [50, pytest.param(200, marks=pytest.mark.exhaustive)]
+COUNTS = [12, pytest.param(200, marks=pytest.mark.exhaustive)]
 """How many goals a test goes to: in the suite, and where there is time."""
 
 

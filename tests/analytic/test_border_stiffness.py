@@ -25,7 +25,9 @@ def settled(simulation: Simulation, start: State, targets: np.ndarray) -> State:
 
 
 @pytest.mark.numba
-@pytest.mark.parametrize("targets", TARGETS)
+@pytest.mark.parametrize(
+    "targets", [TARGETS[0], *(pytest.param(each, marks=pytest.mark.exhaustive) for each in TARGETS[1:])]
+)
 @pytest.mark.slow
 def test_it_is_the_derivative_of_settled_states(targets: np.ndarray) -> None:
     pytest.importorskip("numba")

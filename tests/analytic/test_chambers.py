@@ -123,7 +123,7 @@ def test_pressure_and_volume_control_agree(order: int, backend: str) -> None:
 @pytest.mark.slow
 def test_rest_does_not_depend_on_the_step() -> None:
     ends = []
-    for dt in (0.001, 0.005, 0.01):
+    for dt in (0.002, 0.01):
         simulation = Simulation(inflated(hollow(2), "pressure", dt))
         simulation.command([4e3])
         for _ in range(round(1.2 / dt)):
@@ -192,11 +192,11 @@ def test_a_balloon_follows_its_curve_through_its_maximum() -> None:
         joints=(JointDescription(name="water", kind="chamber", actuator=water),),
         gravity=(0.0, 0.0, 0.0),
         rayleigh_mass=40.0,
-        dt=0.01,
+        dt=0.02,
     )
     simulation, seen = Simulation(described), []
     volume = 4.0 / 3.0 * np.pi * inner**3
-    for stretch in np.linspace(1.0, 2.6, 400)[1:]:
+    for stretch in np.linspace(1.0, 2.6, 200)[1:]:
         simulation.command([(stretch**3 - 1.0) * volume])
         simulation.step()
         wide = (outer**3 + (stretch**3 - 1.0) * inner**3) ** (1.0 / 3.0) / outer
@@ -204,7 +204,7 @@ def test_a_balloon_follows_its_curve_through_its_maximum() -> None:
         seen.append((stretch, simulation.joint_efforts[0], 2.0 * shear * curve))
     table = np.array(seen)
     later = table[table[:, 0] > 1.15]
-    assert 0 < np.argmax(later[:, 2]) < len(later) - 50  # over the top, and far beyond
+    assert 0 < np.argmax(later[:, 2]) < len(later) - 25  # over the top, and far beyond
     assert np.abs(later[:, 1] / later[:, 2] - 1.0).max() < 0.02
 
 

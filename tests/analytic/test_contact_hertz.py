@@ -82,10 +82,11 @@ def least_gap(sim: Simulation) -> float:
 @pytest.mark.slow
 @pytest.mark.numba
 @pytest.mark.filterwarnings("ignore:body")
-def test_a_pressed_ball_follows_hertz() -> None:
+@pytest.mark.parametrize("shares", [(1.0,), pytest.param((0.7, 1.0), marks=pytest.mark.exhaustive)])
+def test_a_pressed_ball_follows_hertz(shares: tuple[float, ...]) -> None:
     pytest.importorskip("numba")
     sim = Simulation(pressed())
-    for depth in (0.7 * DEPTH, DEPTH):
+    for depth in (share * DEPTH for share in shares):
         begin, forces = float(sim.joint_targets[0]), []
         for k in range(12):
             sim.command([begin + (-DISTANCE - depth - begin) * min(1.0, (k + 1) / 8)])
