@@ -34,7 +34,8 @@ class AttachmentDescription:
         group: Or the name of a group of the mesh's file: a physical group of Gmsh, of points, lines, faces or
             cells. Exactly one of the four.
         relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
-        frame: Origin in [m] and orientation of a free frame, in world coordinates.
+        frame: Origin in [m] and orientation of a free frame, in world coordinates. None: the origin is the
+            mean of its nodes at rest, the axes are those of the world.
         stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
     """
 
@@ -46,7 +47,7 @@ class AttachmentDescription:
     end: RodEnd | None = None
     group: str | None = None
     relative_to: str | None = None
-    frame: Placement = Placement()
+    frame: Placement | None = None
     stiffness: float | None = None
 
     def __post_init__(self) -> None:

@@ -60,7 +60,7 @@ from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.reinforcement_builder import reinforcements
 from softsim_core.scene.rigid_builder import RigidBody, rigid_bodies, rigid_objects
 from softsim_core.scene.rod_builder import draw_rod, draw_tetrahedra
-from softsim_core.values import MeshFile
+from softsim_core.values import MeshFile, Placement
 from softsim_core.wrong_names import known_names
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
@@ -93,10 +93,10 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
     rest = np.concatenate([body.mesh.points for body in bodies]) if bodies else np.zeros((0, 3))
     joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
     region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
-    frames = [attachment for attachment in scene.attachments if attachment.to == "free"]
+    frames = _frames(moving, region_of_node, rest)
     frame_rest = (
-        np.array([attachment.frame.translation for attachment in frames], dtype=float).reshape(-1, 3),
-        np.array([_rotation(attachment.frame.rotation_deg) for attachment in frames]).reshape(-1, 3, 3),
+        np.array([frame.translation for frame in frames.values()], dtype=float).reshape(-1, 3),
+        np.array([_rotation(frame.rotation_deg) for frame in frames.values()]).reshape(-1, 3, 3),
     )
     filling = _groups(scene, bodies)
     rigid = rigid_objects(scene)
@@ -113,7 +113,7 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
         dt=scene.dt,
         region_of_node=region_of_node,
         regions=_regions(moving, scene, joints, frame_rest, region_of_node, rest),
-        frame_names=tuple(attachment.name for attachment in frames),
+        frame_names=tuple(frames),
         frame_rest=frame_rest,
         joints=joints,
         rigid=rigid_bodies(scene),
@@ -145,6 +145,37 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
             shapes[memory_name(k)] = memory_shape(group)
             shapes[held_name(k)] = (*group.weights.shape, 3, 3)
     return shapes
+
+
+def with_rest_frames(scene: SceneDescription) -> SceneDescription:
+    """Return the same scene with the frame of every free attachment given.
+
+    The bodies are read or drawn only where an attachment leaves its frame out.
+
+    Raises:
+        SceneError, MeshError: see `build`.
+    """
+    if all(each.to != "free" or each.frame is not None for each in scene.attachments):
+        return scene
+    bodies = rest_bodies(scene)
+    rest = np.concatenate([body.mesh.points for body in bodies])
+    joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
+    region_of_node, _, moving = _assign_nodes(scene, bodies, joints, rest)
+    frames = _frames(moving, region_of_node, rest)
+    attachments = [replace(each, frame=frames.get(each.name, each.frame)) for each in scene.attachments]
+    return replace(scene, attachments=tuple(attachments))
+
+
+def _frames(
+    moving: Sequence[AttachmentDescription], region_of_node: IndexArray, rest: Array
+) -> dict[str, Placement]:
+    """Place every free frame at rest, by name: as described, else in the mean of its nodes."""
+    frames = {}
+    for number, attachment in enumerate(moving):
+        if attachment.to == "free":
+            x, y, z = rest[region_of_node == number].mean(axis=0).tolist()
+            frames[attachment.name] = attachment.frame or Placement(translation=(x, y, z))
+    return frames
 
 
 def rest_bodies(

@@ -10,6 +10,7 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import euler_of, rotation_euler
 from softsim_core.mesh.types import TetMesh
+from softsim_core.scene.builder import with_rest_frames
 from softsim_core.scene.description import SceneDescription
 from softsim_core.values import DIRECTION, LOCAL, POINT, Box, Placement, Sphere, Vector
 
@@ -55,8 +56,13 @@ def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
 
     Placements, boxes, spheres and arrays of nodes are moved wherever they stand, but in fields marked LOCAL;
     vectors in fields marked POINT or DIRECTION; see softsim_core.values. What is told in the frame of
-    something else stays: regions relative to a joint, rigid bodies on something, and their surfaces.
+    something else stays: regions relative to a joint, rigid bodies on something, and their surfaces. Free
+    frames that the scene leaves out are given in the result, so that they turn with it.
+
+    Raises:
+        SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.builder.
     """
+    scene = with_rest_frames(scene)
     moved: SceneDescription = _placed(scene, motion)
     soft = {each.name for each in scene.bodies}
     return replace(

@@ -22,6 +22,7 @@ from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import rotation_exp
 from softsim_core.mesh.placement import rotation_matrix
 from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.scene.builder import with_rest_frames
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.values import Placement, Vector
@@ -72,7 +73,7 @@ def links_of(robot: RobotDescription) -> tuple[Link, ...]:
     for joint in scene.joints:
         links += _frame_links(joint, scene, moved) if joint.moves_frame else []
     links += [_end_link(joint, moved, scene) for joint in scene.joints if not joint.moves_frame]
-    free = [each for each in scene.attachments if each.to == "free"]
+    free = [each for each in with_rest_frames(scene).attachments if each.to == "free"]
     names = {each.name: _free(EFFECTOR if each.name == scene.effector else each.name, links) for each in free}
     links += [_free_link(each, names[each.name]) for each in free]
     carriers = {**moved, **names, **{f"{joint.name}_base": _base(joint) for joint in scene.joints}}
@@ -128,6 +129,7 @@ def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescri
 
 
 def _free_link(attachment: AttachmentDescription, name: str) -> Link:
+    assert attachment.frame is not None  # as with_rest_frames gives all of them
     position, rotation = _placed(attachment.frame)
     part = f"attachments/{attachment.name}"
     return Link(name, BASE_LINK, f"{name}_motion", "floating", position, rotation, _Z, part, attachment.name)

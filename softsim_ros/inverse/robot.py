@@ -7,6 +7,7 @@ import numpy as np
 from softsim_core import RobotDescription
 from softsim_core.arrays import Array
 from softsim_core.errors import CommandError, SceneError, listing
+from softsim_core.scene.builder import with_rest_frames
 from softsim_core.scene.catalog import shortened
 from softsim_ros.frames import WORLD, RobotFrames
 
@@ -17,8 +18,8 @@ def effector_rest(robot: RobotDescription) -> Array:
     Raises:
         SceneError: the robot has no effector.
     """
-    for attachment in robot.scene.attachments:
-        if attachment.name == robot.scene.effector:
+    for attachment in with_rest_frames(robot.scene).attachments:
+        if attachment.name == robot.scene.effector and attachment.frame is not None:
             return np.array(attachment.frame.translation)
     raise SceneError(f"{robot.name} has no effector: add `effector: NAME` of a free attachment to its file")
 

@@ -8,13 +8,19 @@ import numpy as np
 import pytest
 from small_scenes import body, machine, scene, slab
 
+from softsim_core import Simulation
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FIXED, FREE
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import box_mesh
 from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.builder import build
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.placed import Motion, placed
+from softsim_core.scene.rod import RodDescription, RodSectionDescription
 from softsim_core.values import Sphere
 
 MESH = box_mesh((0.04, 0.01, 0.01), (4, 1, 1))
@@ -92,6 +98,41 @@ def test_a_free_frame_on_a_point_or_a_line_is_refused(radius: float) -> None:
     frame = AttachmentDescription(name="frame", body="body", to="free", sphere=sphere)
     with pytest.raises(SceneError, match=r"attachment frame: the . nodes of a free frame lie on one line"):
         build(scene(body(line), attachments=(frame,)))
+
+
+def rod(*attachments: AttachmentDescription, effector: str | None) -> SceneDescription:
+    """A straight rod along x, 0.5 m long, clamped at its start."""
+    hanging = BodyDescription(
+        name="rod",
+        rod=RodDescription(
+            centreline=((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)),
+            section=RodSectionDescription(shape="rectangle", size=(0.01, 0.01)),
+        ),
+        material=MaterialDescription(law="rod", young_modulus=1e6, poisson_ratio=0.4),
+        density=1000.0,
+    )
+    clamp = AttachmentDescription(name="clamp", body="rod", to="world", end="start")
+    return SceneDescription(
+        name="rod",
+        gravity=(0.0, 0.0, 0.0),
+        bodies=(hanging,),
+        attachments=(clamp, *attachments),
+        effector=effector,
+    )
+
+
+def test_a_free_frame_that_is_not_given_is_in_the_middle_of_its_region() -> None:
+    """Also where the scene is mounted elsewhere, with which it turns."""
+    tip = AttachmentDescription(name="tip", body="rod", to="free", end="end")
+    described = rod(tip, effector="tip")
+    pose = Simulation(described, backend="scipy").effector_pose
+    assert pose is not None
+    np.testing.assert_allclose(pose.position, (0.5, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(pose.quaternion_xyzw, (0.0, 0.0, 0.0, 1.0), atol=1e-12)
+    turned = Motion(rotation_euler(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 1.0]))
+    there = build(placed(described, turned)).model
+    np.testing.assert_allclose(there.frame_rest[0], [(0.0, 0.5, 1.0)], atol=1e-12)
+    np.testing.assert_allclose(there.frame_rest[1], [turned.rotation], atol=1e-12)
 
 
 def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:

@@ -11,15 +11,19 @@ import meshio
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from small_scenes import body, scene, slab
 
 from softsim_core import Simulation, load_scene
 from softsim_core.mechanics.pose import rotation_of
+from softsim_core.mesh import box_mesh
+from softsim_core.scene.robot import as_robot
 from softsim_core.simulation.scene_state import SceneState
 
 pytest.importorskip("rclpy")
 from softsim_ros.description.folder import write_folder
 from softsim_ros.description.links import links_of
 from softsim_ros.description.urdf import control_topics, mesh_address, urdf
+from softsim_ros.inverse.robot import effector_rest
 
 ROBOTS = ["tripod", "cable_gripper", "tripod_maze", "cable_finger"]
 
@@ -84,6 +88,16 @@ def test_its_frames_are_where_the_simulator_has_them(robot: str) -> None:
                 np.testing.assert_allclose(poses[link.name][:3, 3], pose.position, atol=1e-9)
                 turn = rotation_of(pose.quaternion_xyzw)
                 np.testing.assert_allclose(poses[link.name][:3, :3], turn, atol=1e-9)
+
+
+def test_a_free_frame_that_is_not_given_is_in_the_middle_of_its_region() -> None:
+    beam = body(box_mesh((0.5, 0.01, 0.01), (4, 1, 1)))
+    held = slab("wall", "world", 0.0), slab("tip", "free", 0.5)
+    robot = as_robot(scene(beam, attachments=held, effector="tip"))
+    middle = beam.mesh.points[np.isclose(beam.mesh.points[:, 0], 0.5)].mean(axis=0)
+    np.testing.assert_allclose(effector_rest(robot), middle, atol=1e-12)
+    link = next(each for each in links_of(robot) if each.measured == "tip")
+    np.testing.assert_allclose(link.position, middle, atol=1e-12)
 
 
 def test_meshes_are_files_that_exist_or_are_written_beside_it(tmp_path: Path) -> None:
