@@ -54,6 +54,11 @@ def limited_to(rule: ProgramRule) -> Iterator[None]:
         _rule.reset(token)
 
 
+def may_hold_programs(folder: Path) -> bool:
+    """Return whether programs in a folder may run now."""
+    return _rule.get().trusts(folder)
+
+
 def allowed_program(file: Path) -> Path:
     """The file to open where a program is about to be read and run: exactly the one that was checked.
 

@@ -16,6 +16,7 @@ from softsim_core.mechanics.pose import rotation_euler, rotation_of
 from softsim_core.scene.arm.urdf_file import read_urdf
 from softsim_core.scene.files import known_scenes
 from softsim_core.scene.placed import Motion, placed
+from softsim_core.scene.programs import ProgramRule, limited_to
 
 pytest.importorskip("urdf_parser_py")
 
@@ -123,7 +124,7 @@ def test_a_xacro_file_is_expanded_with_its_arguments_and_packages(tmp_path: Path
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (XACRO.replace("arm_pack", "no_pack"), "package no_pack is in no folder of that name above the file"),
+        (XACRO.replace("arm_pack", "no_pack"), "package no_pack is in no folder of that name and no folder"),
         (XACRO.replace("$(find arm_pack)/urdf/link", "absent"), "absent.xacro"),
         (XACRO.replace("$(find arm_pack)/urdf/link.xacro", "l.xacro").replace("0.1", "width"), "width"),
         ("<robot", "xacro cannot expand it"),
@@ -137,7 +138,7 @@ def test_a_xacro_file_with_a_mistake_is_one_sentence(tmp_path: Path, text: str, 
         read_urdf(tmp_path / "robot.xacro")
     assert why in str(refused.value)
     assert "\n" not in str(refused.value)
-    assert len(str(refused.value)) < 500
+    assert len(str(refused.value)) < 1000
 
 
 def test_arguments_are_for_xacro_files(tmp_path: Path) -> None:
@@ -163,6 +164,63 @@ def test_meshes_of_links_are_found_beside_the_file_and_in_its_package(tmp_path: 
         read_urdf(urdf(tmp_path / "pack" / "urdf", shape.format("../part.stl", "1 2 1")))
     with pytest.warns(UserWarning, match=r"link a without part.dae; .stl, .obj, .ply are read"):
         read_urdf(urdf(tmp_path / "pack" / "urdf", shape.format("part.dae", "1 1 1")))
+
+
+def ros_package(folder: Path, name: str) -> Path:
+    """A folder of a ROS package of another name than its own, with what XACRO includes and a mesh."""
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "package.xml").write_text(f"<package format='3'><name>{name}</name></package>")
+    (folder / "urdf" / "link.xacro").write_text(XACRO_LINK)
+    (folder / "part.stl").write_bytes((REPOSITORY / "configs/parts/bellows.stl").read_bytes())
+    return folder
+
+
+@pytest.mark.parametrize("where", ["own", "beside", "other_repository", "catkin", "ament"])
+def test_a_package_is_found_by_its_manifest(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a checkout of a robot's description, and in a workspace that the environment names."""
+    pytest.importorskip("xacro")
+    robots = ros_package(tmp_path / "workspace/src/arm_repository/robots", "arm_robots")
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
+    if where == "own":
+        (robots / "package.xml").write_text("<package><name>arm_pack</name></package>")
+    elif where == "beside":
+        ros_package(tmp_path / "workspace/src/arm_repository/common", "arm_pack")
+    elif where == "other_repository":
+        ros_package(tmp_path / "workspace/src/other_repository/packages/common", "arm_pack")
+    elif where == "catkin":
+        ros_package(tmp_path / "elsewhere/a/b/c/d/e/f/src/common", "arm_pack")
+        monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'elsewhere/a/b/c/d/e/f/src'}")
+    else:
+        ros_package(tmp_path / "elsewhere/a/b/c/d/e/f/share/arm_pack", "arm_pack")
+        monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "elsewhere/a/b/c/d/e/f"))
+    file = robots / "urdf" / "robot.xacro"
+    mesh = '<collision><geometry><mesh filename="package://arm_pack/part.stl"/></geometry></collision>'
+    file.write_text(XACRO.replace('<link name="root"/>', f'<link name="root">{mesh}</link>'))
+    rigid = read_urdf(file)
+    assert list(rigid.shapes) == ["root", "left_1", "left_2"]
+    assert rigid.shapes["root"][0].shape.mesh is not None
+
+
+def test_a_package_beside_is_not_taken_where_programs_may_not_run(tmp_path: Path) -> None:
+    """Nor from a folder that every user may write, whoever asks."""
+    pytest.importorskip("xacro")
+    robots = ros_package(tmp_path / "src/robots", "arm_robots")
+    ros_package(tmp_path / "src/planted", "arm_pack")
+    file = robots / "urdf" / "robot.xacro"
+    file.write_text(XACRO)
+    with (
+        limited_to(ProgramRule((robots,))),
+        pytest.raises(ConfigError, match=r"package arm_pack is in no folder") as refused,
+    ):
+        read_urdf(file)
+    assert "up to 3 folders below /" in str(refused.value)
+    assert len(read_urdf(file).joints) == 2
+    (tmp_path / "src").chmod(0o777)
+    with pytest.raises(ConfigError, match=r"package arm_pack is in no folder"):
+        read_urdf(file)
 
 
 def scene(folder: Path, arm: str, rest: str = "") -> Path:

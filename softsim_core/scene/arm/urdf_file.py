@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +21,7 @@ from softsim_core.extras import install_command
 from softsim_core.mechanics.limits import JointLimits
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.arm.packages import package_folders
+from softsim_core.scene.arm.packages import not_found, package_folders
 from softsim_core.scene.arm.xacro_file import expanded
 from softsim_core.scene.placed import Motion
 from softsim_core.scene.programs import XACRO
@@ -271,11 +271,15 @@ def _shape(geometry: Any, file: Path, where: str) -> Shape | None:
 
 def _mesh_file(name: str, file: Path, where: str) -> Path:
     """A mesh that a URDF names: relative to it, absolute, or package://PACKAGE/PATH."""
-    path, folders = name.removeprefix("file://"), [file.parent]
+    path, package = name.removeprefix("file://"), ""
+    folders: Iterable[Path] = [file.parent]
     if name.startswith("package://"):
         package, _, path = name.removeprefix("package://").partition("/")
         folders = package_folders(package, file)
+    looked_at = []
     for folder in folders:
         if (folder / path).is_file():
             return (folder / path).resolve()
-    raise ConfigError(file, where, f"names the mesh {name}, which is not in {listing(folders)}")
+        looked_at.append(folder)
+    why = f"which is not in {listing(looked_at)}" if looked_at else not_found(package, file)
+    raise ConfigError(file, where, f"names the mesh {name}, {why}")

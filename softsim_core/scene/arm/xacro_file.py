@@ -10,16 +10,16 @@ from typing import Any
 
 from softsim_core.errors import ConfigError
 from softsim_core.extras import install_command
-from softsim_core.scene.arm.packages import package_folders
-from softsim_core.scene.programs import allowed_program
+from softsim_core.scene.arm.packages import not_found, package_folders
+from softsim_core.scene.programs import allowed_program, may_hold_programs
 
 
 def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
     """The URDF of a xacro file.
 
     Xacro computes what stands in `${...}` as Python does: such a file is a program, and runs only where
-    `scene.programs` allows it. `$(find PACKAGE)` is the folder above the file that has this name, or the
-    package's share folder below AMENT_PREFIX_PATH.
+    `scene.programs` allows it. `$(find PACKAGE)` is the first of its `package_folders`; beside the folders
+    above the file only where programs may run, since xacro runs what it includes.
 
     Args:
         file: The file.
@@ -44,7 +44,7 @@ def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes
             document = xacro.process_file(str(program), mappings=dict(arguments), verbosity=0)
             return bytes(document.toprettyxml(indent=" ", encoding="utf-8"))
         except Exception as error:  # the library's own kinds, and whatever an expression raises
-            reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+            reason = " ".join(f"{type(error).__name__}: {error}".split())[:1000]
             raise ConfigError(file, "", f"xacro cannot expand it ({reason})") from error
 
 
@@ -53,13 +53,10 @@ def _finding(substitution: Any, file: Path) -> Iterator[None]:
     """While it lasts, xacro looks for packages as meshes of a URDF file are looked for."""
 
     def find(package: str) -> str:
-        folders = package_folders(package, file)
-        for folder in folders:
-            if folder.is_dir():
-                return str(folder)
-        raise LookupError(
-            f"package {package} is in no folder of that name above the file, nor in AMENT_PREFIX_PATH"
-        )
+        folder = next(package_folders(package, file, may_hold_programs), None)
+        if folder is None:
+            raise LookupError(not_found(package, file))
+        return str(folder)
 
     before = substitution._eval_find
     substitution._eval_find = find
