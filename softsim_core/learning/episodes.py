@@ -10,10 +10,11 @@ import numpy as np
 
 from softsim_core.arrays import Array, BoolArray, IndexArray, float_array
 from softsim_core.batch import Batch
-from softsim_core.errors import CommandError
+from softsim_core.errors import CommandError, SceneError, listing
 from softsim_core.learning.devices import Delay, Devices, rounded
 from softsim_core.learning.randomisation import Randomisation
 from softsim_core.learning.task import Moment, Numbers, Task
+from softsim_core.scene.description import SceneDescription
 
 
 class Outcome(NamedTuple):
@@ -27,7 +28,7 @@ class Outcome(NamedTuple):
 
 _KEPT = (
     "generators", "_noise", "_steps", "_command_noise", "_command_step", "_commanding", "_sensing", "_goals",
-    "_commands", "_wanted", "_earlier", "_actions", "_late", "_parameters", "_overlays",
+    "_commands", "_wanted", "_earlier", "_gravity", "_actions", "_late", "_parameters", "_overlays",
 )  # fmt: skip
 """What a saved state holds beside those of the copies."""
 
@@ -67,6 +68,7 @@ class Episodes:
         self._start_steps = 0 if start is None else math.ceil(start.duration / robot.scene.dt) + 1
         free = [each.name for each in robot.scene.rigid_bodies if each.mass is not None]
         self._thing = free.index(task.thing) if task.thing else -1
+        self._frame = _effector_frame(robot.scene, task)
         self.batch = Batch(robot, copies, workers)
         self.generators = [np.random.default_rng(number) for number in range(copies)]
         self._devices = devices or task.devices
@@ -78,6 +80,7 @@ class Episodes:
         self._commanding, self._sensing = Delay(copies, joints), Delay(copies, sizes)
         self._goals, self._commands = np.zeros((copies, task.goal_size)), np.zeros((copies, joints))
         self._wanted, self._earlier = self._commands.copy(), np.zeros((copies, 3))
+        self._gravity = np.tile(np.array(robot.scene.gravity, dtype=float), (copies, 1))
         self._actions = np.zeros(copies, dtype=np.int64)
         self._late = np.zeros((copies, 2), dtype=np.int64)
         self._parameters: list[dict[str, float]] = [{} for _ in range(copies)]
@@ -103,7 +106,9 @@ class Episodes:
                 overlay, devices, self._parameters[number] = self._randomisation.draw(random)
                 self._overlays[number] = overlay
                 if overlay:
-                    self.batch.rebuild(number, self.task.description(overlay))
+                    changed = self.task.description(overlay)
+                    self.batch.rebuild(number, changed)
+                    self._gravity[number] = changed.scene.gravity
                     self._lead_in(number)
                 else:
                     self._go_home(number)
@@ -133,8 +138,10 @@ class Episodes:
         if self._command_noise[numbers].any():
             told = told + self._command_noise[numbers] * self._drawn(numbers, joints)
         self.batch.command(told, numbers)
+        last = int("effector_force" in task.asks)  # an accelerometer measures over the last step
+        self.batch.step(task.steps - last, numbers)
         self._earlier[numbers] = self._velocities(numbers)
-        self.batch.step(task.steps, numbers)
+        self.batch.step(last, numbers)
         self._commands[numbers] = self._wanted[numbers]
         self._actions[numbers] += 1
         judged = task.judge(self._moment(numbers))
@@ -211,9 +218,10 @@ class Episodes:
         self._late[number] = [round(each / self.span) for each in late]
 
     def _velocities(self, numbers: IndexArray) -> Array:
-        """Velocity of the first free frame in [m/s], zeros without one, shape (k, 3)."""
-        found = self.batch.array("reduced_velocities")[numbers, :3]
-        return found if self.batch.array("frame_positions").shape[1] else np.zeros((len(numbers), 3))
+        """Velocity of the effector in [m/s], zeros without one, shape (k, 3)."""
+        if self._frame < 0:
+            return np.zeros((len(numbers), 3))
+        return self.batch.array("reduced_velocities")[numbers, 6 * self._frame :][:, :3]
 
     def _moment(self, numbers: IndexArray) -> Moment:
         return Moment(
@@ -222,7 +230,8 @@ class Episodes:
             self._goals[numbers],
             self._commands[numbers],
             self._earlier[numbers],
-            self.span,
+            self._gravity[numbers],
+            self._frame,
             self._thing,
         )
 
@@ -238,3 +247,19 @@ class Episodes:
             sensed = sensed + noise * self._drawn(numbers, sensed.shape[1])
         sensed = self._sensing.through(numbers, rounded(sensed, self._steps[numbers]))
         return self.task.observation(sensed)
+
+
+def _effector_frame(scene: SceneDescription, task: Task) -> int:
+    """Return the place of the effector among the free frames; -1: the scene has none.
+
+    Raises:
+        SceneError: the task looks at the effector, and the scene has none.
+    """
+    if scene.effector is None:
+        if wanted := [name for name in task.asks if name.startswith("effector")]:
+            raise SceneError(
+                f"the task asks for {listing(wanted)}, and {scene.name} has no effector: "
+                "add `effector: NAME` of a free attachment to its file"
+            )
+        return -1
+    return [each.name for each in scene.attachments if each.to == "free"].index(scene.effector)

@@ -17,6 +17,7 @@ from softsim_core.learning.devices import Devices, rounded
 from softsim_core.scene import find_config, load_scene
 from softsim_core.scene.overrides import laid_over
 from softsim_core.scene.robot import RobotDescription
+from softsim_core.sensing.imu import inertial
 
 Numbers: TypeAlias = NDArray[Any]
 """Numbers of other types than float64, such as float32 and bool."""
@@ -71,11 +72,11 @@ class Senses(Protocol):
 
     @property
     def effector_rate(self) -> Array:
-        """Angular rate in the effector's axes in [rad/s], shape (k, 3)."""
+        """Angular rate in the effector's axes in [rad/s], as of an IMU in its frame, shape (k, 3)."""
 
     @property
     def effector_force(self) -> Array:
-        """Specific force in the effector's axes in [m/s^2], shape (k, 3)."""
+        """Specific force in the effector's axes in [m/s^2], as of an IMU in its frame, shape (k, 3)."""
 
     @property
     def thing_position(self) -> Array:
@@ -99,8 +100,9 @@ class Moment:
         numbers: Which ones, shape (k,).
         goals: Their goals, shape (k, g).
         commands: What their servos were told last, shape (k, j).
-        earlier: Velocity of the effector at the action before in [m/s], shape (k, 3).
-        span: Time of an action in [s].
+        earlier: Velocity of the effector before the last step in [m/s], shape (k, 3).
+        gravity: Gravity of each copy in [m/s^2], shape (k, 3).
+        frame: Place of the effector among the free frames.
         thing: Place of the task's rigid body among those with mass; -1: the task is about none.
     """
 
@@ -109,7 +111,8 @@ class Moment:
     goals: Array
     commands: Array
     earlier: Array
-    span: float
+    gravity: Array
+    frame: int
     thing: int
 
     def array(self, name: str) -> Array:
@@ -129,25 +132,28 @@ class Moment:
     @cached_property
     def effector_position(self) -> Array:
         """See Senses."""
-        return self.array("frame_positions")[:, 0]
+        return self.array("frame_positions")[:, self.frame]
 
     @cached_property
     def effector_rotation(self) -> Array:
         """See Senses."""
-        return self.array("frame_rotations")[:, 0]
+        return self.array("frame_rotations")[:, self.frame]
 
     @property
     def effector_rate(self) -> Array:
         """See Senses."""
-        spin = self.array("reduced_velocities")[:, 3:6]
-        return np.asarray(np.einsum("kji,kj->ki", self.effector_rotation, spin))
+        return self._inertial[1]
 
     @property
     def effector_force(self) -> Array:
-        """See Senses; the mean over the action."""
-        velocity = self.array("reduced_velocities")[:, :3]
-        force = (velocity - self.earlier) / self.span + [0.0, 0.0, 9.81]
-        return np.asarray(np.einsum("kji,kj->ki", self.effector_rotation, force))
+        """See Senses; as an IMU tells it, the mean over the last step."""
+        return self._inertial[0]
+
+    @cached_property
+    def _inertial(self) -> tuple[Array, Array]:
+        velocity, spin = np.split(self.array("reduced_velocities")[:, 6 * self.frame :][:, :6], 2, axis=1)
+        rotation, dt = self.effector_rotation, self.batch.dt
+        return inertial(self.earlier, velocity, spin, rotation, self.gravity, dt)
 
     @cached_property
     def thing_position(self) -> Array:

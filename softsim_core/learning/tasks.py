@@ -13,6 +13,7 @@ from softsim_core.arrays import Array
 from softsim_core.batch import Batch
 from softsim_core.learning.devices import Devices
 from softsim_core.learning.task import Judged, Moment, Sensed, Senses, Task, tilts
+from softsim_core.mechanics.pose import rotation_of
 
 _DEGREE = math.radians(1.0)
 _JOINTS = Sensed("joint positions", "rad", -math.pi, math.pi, 3, "joint_noise", "joint_step")
@@ -93,7 +94,7 @@ class Balance(Task):
         """Put the ball somewhere on the plate, at rest on it."""
         radius, angle = 0.5 * PLATE_M * math.sqrt(random.random()), random.uniform(0.0, 2.0 * math.pi)
         moved = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.0])
-        turn = batch.array("frame_rotations")[number, 0]
+        turn = rotation_of(batch.call(number, "effector_pose").quaternion_xyzw)
         position = batch.array("rigid_positions")[number, 0] + turn @ moved
         batch.call(number, "place_rigid_body", "ball", position, (0.0, 0.0, 0.0, 1.0))
 

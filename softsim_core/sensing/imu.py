@@ -66,6 +66,27 @@ class ImuDescription(SimulatedSensorDescription):
         return (Reference("on", self.on, PLACE),)
 
 
+def inertial(
+    before: Array, velocity: Array, spin: Array, rotation: Array, gravity: Array, dt: float
+) -> tuple[Array, Array]:
+    """Return what a perfect unit in each of k frames measures over a step; see the module.
+
+    Args:
+        before: Velocity of the origin in [m/s] before the step, shape (k, 3).
+        velocity: The same after it, shape (k, 3).
+        spin: Angular velocity after it in [rad/s], world axes, shape (k, 3).
+        rotation: Rotations after it, shape (k, 3, 3).
+        gravity: In [m/s^2], shape (3,) or (k, 3).
+        dt: Length of the step in [s].
+
+    Returns:
+        Specific force in [m/s^2] and angular rate in [rad/s], in the axes of the frames, shape (k, 3) each.
+    """
+    middle = np.array([rotation_exp(-0.5 * dt * each) for each in spin]) @ rotation
+    force = (velocity - before) / dt - gravity
+    return np.einsum("kj,kji->ki", force, middle), np.einsum("kj,kji->ki", spin, rotation)
+
+
 class Imu(Sensor):
     """See the module.
 
@@ -89,9 +110,8 @@ class Imu(Sensor):
         model, place = seen.model, self._place
         (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
         now = place.pose(model, seen.state)[1]
-        middle = rotation_exp(-0.5 * model.dt * spin) @ now
-        force = (velocity - earlier) / model.dt - model.gravity
-        told = (force @ middle, spin @ now)
+        force, rate = inertial(earlier[None], velocity[None], spin[None], now[None], model.gravity, model.dt)
+        told = (force[0], rate[0])
         return np.concatenate(told if self._turning is None else (*told, quaternion_of(now)))
 
     def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
