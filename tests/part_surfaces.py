@@ -49,6 +49,24 @@ def torus(large: float = 15.0, small: float = 4.0, around: int = 48, across: int
     return points, triangles[:, ::-1]
 
 
+def bottle(inlet: float, outer: float = 20.0, inner: float = 15.0, height: float = 60.0) -> Surface:
+    """A thick-walled bottle that stands on z = 0; `inlet` is the radius of the hole in its 4 mm thick top."""
+    wall, segments = 4.0, 48
+    radii = np.array([outer, outer, inlet, inlet, inner, inner])
+    heights = np.array([0.0, height, height, height - wall, height - wall, wall])
+    angles = 2 * np.pi * np.arange(segments) / segments
+    x, y = radii[:, None] * np.cos(angles), radii[:, None] * np.sin(angles)
+    rings = np.stack([x, y, np.repeat(heights[:, None], segments, axis=1)], axis=-1).reshape(-1, 3)
+    first, last = np.arange(segments), np.arange(segments) + segments * (len(radii) - 1)
+    middles = np.full(segments, len(rings)), np.full(segments, len(rings) + 1)
+    triangles = [
+        lattice(segments, len(radii), closed_columns=True),
+        np.column_stack([np.roll(first, -1), first, middles[0]]),
+        np.column_stack([last, np.roll(last, -1), middles[1]]),
+    ]
+    return np.vstack([rings, [0.0, 0.0, 0.0], [0.0, 0.0, wall]]), np.concatenate(triangles)
+
+
 def sheet(size: float = 20.0, cells: int = 6) -> Surface:
     line = np.linspace(0.0, size, cells + 1)
     x, y = np.meshgrid(line, line)

@@ -13,6 +13,8 @@ from softsim_core.file_writing import write_file
 from softsim_core.mesh.writers import write_tets
 from softsim_core.meshing import MeshedPart, mesh_part
 from softsim_core.meshing.guesses import Guess, guess
+from softsim_core.meshing.openings import open_hollows
+from softsim_core.meshing.repair import Repaired
 from softsim_core.scene.arm.urdf_file import read_urdf
 from softsim_ros.cli.robots.mesh import add_options, options, say
 from softsim_ros.cli.robots.mesh_speed import PRESET, STIFFNESS_FACTOR
@@ -71,17 +73,30 @@ def run(arguments: argparse.Namespace) -> int:
     made = mesh_part(arguments.part, options(arguments), say)
     assumed = guess(made.mesh)
     on_arm = "" if rigid is None else arm_text(name, arguments.arm, rigid, link, assumed)
-    _write(folder, name, made, assumed, preset, on_arm)
-    print("\n".join(_told(name, made, assumed, link)))
+    inlets = inlet_notes(made.source) if made.source.cavities != 1 else []
+    factor = STIFFNESS_FACTOR if preset == PRESET else 1.0
+    scene = scene_text(name, made, assumed, preset, factor, inlets)
+    _write(folder, name, scene, made, assumed, on_arm)
+    print("\n".join(_told(name, made, assumed, link, inlets)))
     return 0
 
 
-def _write(folder: Path, name: str, made: MeshedPart, assumed: Guess, preset: str, on_arm: str) -> None:
-    factor = STIFFNESS_FACTOR if preset == PRESET else 1.0
+def inlet_notes(source: Repaired) -> list[str]:
+    """Return a message for each hollow that an inlet opens to the outside, which is no air chamber then."""
+    return [
+        f"a hollow of about {1e6 * each.volume:.2g} cm^3 is open to the outside, about "
+        f"{source.unit.length(each.width)} wide at {source.unit.place(each.place)}: an air chamber needs a "
+        "closed hollow. To drive it by air, close the opening in CAD with a plug (the hose is not modelled) "
+        "and make the robot anew"
+        for each in open_hollows(source.surface)
+    ]
+
+
+def _write(folder: Path, name: str, scene: str, made: MeshedPart, assumed: Guess, on_arm: str) -> None:
     try:
         folder.mkdir(parents=True)
         write_tets(folder / f"{name}.vtk", made.mesh)
-        write_file(folder / f"{name}.yaml", scene_text(name, made, assumed, preset, factor))
+        write_file(folder / f"{name}.yaml", scene)
         write_file(folder / f"test_{name}.py", test_text(name, made, assumed))
         if on_arm:
             write_file(folder / f"{name}_on_arm.yaml", on_arm)
@@ -89,7 +104,7 @@ def _write(folder: Path, name: str, made: MeshedPart, assumed: Guess, preset: st
         raise ConfigError(folder, "", f"cannot be written: {error.strerror or error}") from error
 
 
-def _told(name: str, made: MeshedPart, assumed: Guess, link: str) -> list[str]:
+def _told(name: str, made: MeshedPart, assumed: Guess, link: str, inlets: list[str]) -> list[str]:
     scene = f"./{name}/{name}.yaml"
     moved = "the pressure of its hollow" if made.source.cavities == 1 else "one cable"
     askew = f"it lies askew by {assumed.tilt_deg:.0f} degrees in its file; guesses are along its own axes"
@@ -98,6 +113,7 @@ def _told(name: str, made: MeshedPart, assumed: Guess, link: str) -> list[str]:
         f"{name}/: {name}.yaml (scene), {name}.vtk ({made.report.nodes} nodes), test_{name}.py",
         *(f"  {told}" for told in made.told),
         *([f"  {askew}"] if assumed.tilt_deg else []),
+        *(f"  {each}" for each in inlets),
         f"guessed: silicone, held at one end, {moved}; each guess is marked in the scene",
         "next:",
         f"  softsim up {scene} --watch  # see it, press + and -, correct the guesses in the tab Edit",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from softsim_core.meshing import MeshedPart
@@ -13,7 +14,15 @@ from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON
 _DT = 0.01
 
 
-def scene_text(name: str, made: MeshedPart, guess: Guess, preset: str, factor: float, dt: float = _DT) -> str:
+def scene_text(
+    name: str,
+    made: MeshedPart,
+    guess: Guess,
+    preset: str,
+    factor: float,
+    doubts: Sequence[str] = (),
+    dt: float = _DT,
+) -> str:
     """The scene in YAML.
 
     Args:
@@ -22,6 +31,7 @@ def scene_text(name: str, made: MeshedPart, guess: Guess, preset: str, factor: f
         guess: What is assumed of it.
         preset: Name of an elastomer.
         factor: Of its stiffness.
+        doubts: What speaks against the guess of a cable.
         dt: Time step in [s].
     """
     order, tilt = made.mesh.order, guess.tilt_deg
@@ -32,7 +42,7 @@ def scene_text(name: str, made: MeshedPart, guess: Guess, preset: str, factor: f
         else f"the low end of its longest side, along {'xyz'[guess.axis]}"
     ) + (f" (of its own axes: it lies askew by {tilt:.0f} degrees in its file)" if tilt else "")
     hollow = made.source.cavities == 1
-    joint = _chamber() if hollow else _cable(guess)
+    joint = _chamber() if hollow else "".join(f"  # {each}\n" for each in doubts) + _cable(guess)
     step, unit = (1000.0, "Pa") if hollow else (0.01 * guess.length, "m")
     pulled = 8000.0 if hollow else 0.06 * guess.length
     moves = ("pump", "let air out") if hollow else ("pull the cable", "let the cable go")
