@@ -96,17 +96,20 @@ class BoardPort:
         if self.link is not None:
             self.link.check(self._clock())
 
-    def _open(self, transport: SerialTransport, quiet_s: float, before: MetBoard | None) -> None:
+    def _open(
+        self, transport: SerialTransport, quiet_s: float, before: MetBoard | None, silent_allowed: bool
+    ) -> None:
         """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke.
 
         Args:
             transport: The port.
             quiet_s: The time in [s].
             before: The board that has to be met again; None: any board.
+            silent_allowed: A board that says nothing may be driven.
         """
         boards = [each(self.board) for each in self._candidates]
         self._transport = transport
-        self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before)
+        self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before, silent_allowed)
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
     def _take_out(self, words: Sequence[Word] = ()) -> Callable[[], None]:

@@ -86,8 +86,9 @@ class BoardSession:
         """Open the port of the same board anew, whatever its number is now; without one nothing happens.
 
         No other board is driven: its USB chip has to say the same as before, and what the board said of
-        itself it has to say again. A board that did neither, such as one that says nothing, on a
-        pseudo-terminal, is not opened; before any was met, only where silence is no board's.
+        itself it has to say again. A port without a USB chip, such as a pseudo-terminal, is not opened again
+        once a board without a number was driven on it. Where that port was lost before a board was known or
+        driven, only a board that says what it is is driven: silence is refused.
 
         Args:
             port: Name from the person; empty: the one board that is plugged in.
@@ -100,8 +101,9 @@ class BoardSession:
         if driver is None:
             return
         met = driver.met
-        says_what_it_is = driver.always_speaks if met is None else bool(met.identity)
-        if not (self._usb or self._stable_port or says_what_it_is):
+        known_port = bool(self._usb or self._stable_port)
+        says_what_it_is = (driver.may_speak and not driver.moved) if met is None else bool(met.identity)
+        if not (known_port or says_what_it_is):
             raise PortError(
                 port,
                 f"whether the board on {port} is still the one that was configured cannot be told (it has"
@@ -109,7 +111,7 @@ class BoardSession:
                 " cleanup and configure",
             )
         name = find_again(port, self._stable_port, self._usb)
-        driver.connect(name, open_wait_s, again=True)
+        driver.connect(name, open_wait_s, again=True, silent_allowed=known_port)
         if usb_identity(name) != self._usb:
             driver.disconnect()
             raise PortError(name, f"another device is on {name}; plug in the one that was configured")

@@ -105,7 +105,7 @@ class ServoDriver(BoardPort):
             raise SceneError(f"robot {robot.name}: {error}") from error
         super().__init__(board, spoken, baud_rate or spoken[-1].baud_rate or board.baud_rate, on_tilt, clock)
         self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
-        self.always_speaks = Ability.DETECT in spoken[-1].abilities  # else silence may be a board's
+        self.may_speak = any(Ability.DETECT in each.abilities for each in spoken)
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         self._commands = ServoCommands(robot.joint_names, self.servo_joints)
         limits = {joint.name: joint.limits for joint in robot.joints}
@@ -142,6 +142,11 @@ class ServoDriver(BoardPort):
         return self._pose.takeover
 
     @property
+    def moved(self) -> bool:
+        """Whether the board was sent a pose since `connect`."""
+        return self._pose.moved
+
+    @property
     def settled(self) -> threading.Event:
         """Set while the servos are not on the way to rest."""
         return self._course.settled
@@ -151,7 +156,9 @@ class ServoDriver(BoardPort):
         with self._lock:
             self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
 
-    def connect(self, port: str, quiet_s: float = 0.0, *, again: bool = False) -> None:
+    def connect(
+        self, port: str, quiet_s: float = 0.0, *, again: bool = False, silent_allowed: bool = True
+    ) -> None:
         """Open the port; nothing is written until the board spoke, or for `quiet_s` seconds; ticks send then.
 
         Args:
@@ -159,6 +166,8 @@ class ServoDriver(BoardPort):
             quiet_s: Quiet time after opening in [s].
             again: Drive the board that was met before, and no other: one that does not say the same is
                 refused by `tick`, and so is silence where that one has spoken.
+            silent_allowed: Drive a board that says nothing, in a protocol of such boards; else `tick` refuses
+                it.
 
         Raises:
             PortError: it cannot be opened.
@@ -166,7 +175,7 @@ class ServoDriver(BoardPort):
         self.disconnect()
         transport = SerialTransport(port, self.baud_rate)
         with self._lock:
-            self._open(transport, quiet_s, self.met if again else None)
+            self._open(transport, quiet_s, self.met if again else None, silent_allowed)
             self._course.follow()
             self._pose.opened()
 

@@ -54,10 +54,13 @@ class BoardLink:
         quiet_s: Time in [s] after opening in which nothing is written, unless the board has spoken.
         now: Time of the opening.
         before: The board that was met on a port lost since, which is to be met again; None: any board.
+        silent_allowed: A board that says nothing may be driven, in the last protocol; False: `check` refuses
+            it.
 
     Attributes:
         tilts: Readings of an IMU since the port was opened.
-        met: The board met here, or before; None as long as none is.
+        met: The board met here, or before; None as long as none is, and as long as its answer to the question
+            who it is may still come.
     """
 
     def __init__(
@@ -67,6 +70,7 @@ class BoardLink:
         quiet_s: float,
         now: float,
         before: MetBoard | None = None,
+        silent_allowed: bool = True,
     ) -> None:
         self.port = port
         self.tilts = 0
@@ -74,8 +78,10 @@ class BoardLink:
         self._boards = tuple(
             board
             for board in boards
-            if before is None or board.name == before.protocol or Ability.DETECT in board.abilities
+            if Ability.DETECT in board.abilities
+            or (silent_allowed if before is None else board.name == before.protocol)
         )
+        self._refuses_silence = not silent_allowed
         self._recognised: BoardProtocol | None = None
         self._lock = threading.RLock()
         self._quiet_s, self._quiet_until = quiet_s, now + quiet_s
@@ -173,7 +179,8 @@ class BoardLink:
             return not self._is_stranger(board) and identity is not None
         if met is not None and met.protocol != board.name:
             return False
-        self.met = MetBoard(board.name, identity or "")
+        if identity is not None:
+            self.met = MetBoard(board.name, identity)
         return True
 
     def _is_stranger(self, board: BoardProtocol) -> bool:
@@ -204,10 +211,16 @@ class BoardLink:
                 )
             if self._heard is None:
                 if self._must_speak and now > self._quiet_until + BANNER_GRACE_S:
+                    advice = board.advice
+                    if self._refuses_silence:
+                        advice = (
+                            "whether it is the one that was configured is unknown; look, then cleanup and"
+                            " configure"
+                        )
                     raise PortError(
                         self.port,
                         f"no board of the {board.name} protocol answered on {self.port} within"
-                        f" {self._quiet_s + BANNER_GRACE_S:g} s; {board.advice}",
+                        f" {self._quiet_s + BANNER_GRACE_S:g} s; {advice}",
                     )
             elif Ability.TELEMETRY in board.abilities and self._unheard_s > TELEMETRY_TIMEOUT_S:
                 raise PortError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 from pathlib import Path
 from types import TracebackType
 
@@ -33,9 +34,7 @@ class SerialTransport:
     def __init__(self, port: str, baud_rate: int = 115200) -> None:
         self.port = port
         try:
-            self._serial = serial.Serial(
-                port, baud_rate, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S, exclusive=True
-            )
+            self._serial = serial.Serial(port, baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise PortError(port, opening_sentence(port, error)) from error
 
@@ -45,19 +44,32 @@ class SerialTransport:
         return bool(self._serial.is_open)
 
     def write(self, packet: bytes) -> None:
-        """Send one packet in one write.
+        """Send one packet, in one write where the port has room for it.
+
+        The port alone decides whether it takes data. Pyserial's own time limit looks at the clock after it
+        has written: where this process is paused there, it calls a packet that has left a failure.
 
         Raises:
             PortError: the port vanished, was closed, or takes no data for 0.2 s.
         """
+        while packet:
+            taken = self._take(packet)
+            if not taken:
+                raise PortError(
+                    self.port,
+                    f"the board on {self.port} took no data for {WRITE_TIMEOUT_S} s; unplug it and plug it"
+                    " in",
+                )
+            packet = packet[taken:]
+
+    def _take(self, packet: bytes) -> int:
+        """Number of bytes that the port takes as soon as it has room; 0 after 0.2 s without any."""
         try:
-            self._serial.write(packet)
-        except serial.SerialTimeoutException as error:
-            raise PortError(
-                self.port,
-                f"the board on {self.port} took no data for {WRITE_TIMEOUT_S} s; unplug it and plug it in",
-            ) from error
-        except (OSError, TypeError) as error:  # pyserial: TypeError where another thread closed the port
+            _, ready, _ = select.select([], [self._serial.fileno()], [], WRITE_TIMEOUT_S)
+            return os.write(self._serial.fileno(), packet) if ready else 0
+        except BlockingIOError:
+            return 0
+        except (OSError, TypeError) as error:  # TypeError: another thread closed the port
             raise PortError(self.port, self._vanished()) from error
 
     def read(self) -> bytes:

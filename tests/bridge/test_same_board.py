@@ -156,12 +156,38 @@ def test_a_silent_board_without_usb_is_not_opened_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("short_grace")
-def test_one_lost_before_it_was_known_is_not_opened_again(original: VirtualBoard) -> None:
+def test_a_port_lost_before_its_board_spoke_is_opened_again_for_one_that_speaks(
+    original: VirtualBoard, tmp_path: Path
+) -> None:
+    original.model.silent = True  # as in its boot loader
     bridge = Bridge(original.port)
+    assert original.wait_for(lambda board: board.is_open)
     original.unplug()
+    original.link = None
+    with VirtualBoard(link=tmp_path / "board") as stranger:
+        refused = "no board of the extended protocol answered"
+        assert spin_until(lambda: bridge.lost() and refused in bridge.said[-1])
+        assert "unknown; look, then cleanup and configure" in bridge.said[-1]
+        assert stranger.open_count > 0
+        assert stranger.received == 0
+    original.link, original.model.silent = tmp_path / "board", False
+    original.replug()
+    assert bridge.drives(original), bridge.said
+    bridge.session.close()
+
+
+@pytest.mark.usefixtures("short_grace")
+def test_a_board_driven_before_it_said_its_number_is_not_opened_again(original: VirtualBoard) -> None:
+    original.model.answer = lambda now: b""  # it never says it
+    bridge = Bridge(original.port)
+    assert bridge.drives(original)
+    original.unplug()
+    accepted = original.accepted
     original.replug()
     assert spin_until(lambda: bridge.lost() and "cannot be told" in bridge.said[-1])
-    assert original.accepted == 0
+    assert original.open_count == 1
+    assert original.accepted == accepted
+    bridge.session.close()
 
 
 @pytest.mark.usefixtures("short_grace")

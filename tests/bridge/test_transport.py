@@ -109,6 +109,16 @@ def test_a_board_that_takes_no_data_is_noticed() -> None:
     os.close(master)
 
 
+def test_a_pause_of_this_process_after_a_write_is_no_board_that_takes_nothing(
+    board: VirtualBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = iter(range(10))
+    monkeypatch.setattr(serial.serialutil.Timeout, "TIME", lambda: float(next(late)))  # a second a look
+    with SerialTransport(board.port) as transport:
+        transport.write(bytes([255, 93, 121, 134]))
+        assert board.wait_for(lambda b: b.servo_bytes == (93, 121, 134))
+
+
 @dataclass
 class Port:
     """What pyserial tells of a port."""
