@@ -18,9 +18,6 @@ RERUNS: Mapping[str, str] = {
     "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
         "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
     ),
-    "tests/ros/test_topics_command.py::test_a_rate_is_measured": (
-        "measures messages a second by the wall clock, of a publisher that the machine may pause"
-    ),
 }
 """Why a test may run once more, by its id without parameters."""
 

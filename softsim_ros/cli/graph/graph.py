@@ -19,12 +19,10 @@ from softsim_node import discovery
 from softsim_node.ending import ending
 from softsim_node.process import ros_process
 from softsim_ros.cli.graph.message_text import message_text
-from softsim_ros.client.discovery import FIRST_WITHIN_S, running_robots
+from softsim_ros.client.discovery import FIRST_WITHIN_S, OTHERS_S, running_robots
 from softsim_ros.messages.types import load_message
 from softsim_ros.qos import hearing_all
 
-SETTLED_S = 1.0
-"""The graph counts as known when nothing new has appeared for this long."""
 TURN_S = 0.1
 REPORT_S = 1.0
 KEPT = 10
@@ -55,6 +53,9 @@ def topic_rows(
 ) -> list[tuple[str, str, int, int]]:
     """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled.
 
+    Discovery has settled when nothing new has appeared for as many turns as announcements take to come again.
+    The turns of this process are counted, not the time: while it is paused it hears of nothing.
+
     Args:
         node: Whose view of the graph.
         shown: Tells by its name whether a topic counts.
@@ -74,13 +75,11 @@ def topic_rows(
                 rows.append((name, ", ".join(types), others[0], others[1]))
         return sorted(rows)
 
-    rows, began = look(), time.monotonic()
-    changed = began
-    while not ending.asked and time.monotonic() - changed < (SETTLED_S if rows else FIRST_WITHIN_S):
+    rows, quiet = look(), 0
+    while not ending.asked and quiet * TURN_S < (OTHERS_S if rows else FIRST_WITHIN_S):
         _turn(node)
         newer = look()
-        if newer != rows:
-            rows, changed = newer, time.monotonic()
+        rows, quiet = newer, quiet + 1 if newer == rows else 0
     return rows
 
 
@@ -112,7 +111,7 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     except (ImportError, AttributeError):
         print(f"softsim topics: the type {type_name} of {topic} is not installed here", file=sys.stderr)
         return 1
-    seen = _Echo(limit) if show else _Rate()
+    seen = _Echo(limit) if show else Rate()
     raw = not show  # a rate needs no decoding
     node.create_subscription(message_class, topic, seen, hearing_all(infos, KEPT), raw=raw)
     while not ending.asked and (count is None or seen.lines < count):
@@ -154,16 +153,21 @@ class _Echo:
         """Nothing to add between messages."""
 
 
-class _Rate:
-    """Counts messages and prints their rate once a second."""
+class Rate:
+    """Counts messages and prints their rate once a second.
+
+    Args:
+        clock: Time in [s].
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.clock, self.lines = clock, 0
+        self.clock, self.lines, self.kept = clock, 0, 0
         self.times: list[float] = []
         self.sizes: list[int] = []
         self.since = clock()
 
     def __call__(self, message: bytes) -> None:
+        """Count a message."""
         self.times.append(self.clock())
         self.sizes.append(len(message))
 
@@ -179,7 +183,9 @@ class _Rate:
                 f"{fmean(self.sizes):.0f} bytes a message"
             )
         else:
-            text = "no message in the last second" if not self.times else "one message in the last second"
+            count = "one" if len(self.times) > self.kept else "no"
+            text = f"{count} message in the last second"
         print(text, flush=True)
         self.lines += 1
         self.times, self.sizes, self.since = self.times[-1:], self.sizes[-1:], now
+        self.kept = len(self.times)  # the next gap begins with the last message of this second
