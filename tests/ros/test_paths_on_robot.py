@@ -13,7 +13,7 @@ from waiting import BUILD_S
 
 pytest.importorskip("rclpy")
 pytest.importorskip("daqp")
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped  # noqa: E402
 from rcl_interfaces.srv import SetParametersAtomically  # noqa: E402

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros]
+pytestmark = [pytest.mark.ros, pytest.mark.shared_robot("tripod")]
 
 from builtin_interfaces.msg import Time  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseStamped, WrenchStamped  # noqa: E402

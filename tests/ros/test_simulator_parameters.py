@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 
 
 def settled_height(robot: Any, spin_until: Any) -> float:
@@ -96,8 +97,6 @@ def test_every_parameter_has_a_description_and_numbers_have_a_range(tripod: Any)
 def test_another_scene_runs_on_request_and_an_unknown_one_changes_nothing(
     tripod: Any, spin_until: Any
 ) -> None:
-    from sensor_msgs.msg import JointState
-
     success, sentence = tripod.set_parameters(robot="no_such_robot")
     assert not success
     assert "known" in sentence

