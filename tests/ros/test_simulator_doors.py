@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,10 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from node_processes import Client, parameter_words, spin_until
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from shared_robots import SIMULATOR, Robot
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -82,32 +85,25 @@ def test_code_of_the_start_folder_runs_only_where_it_was_allowed(
     assert lives()
 
 
-def test_code_of_an_allowed_folder_runs(
-    start_process: Any, tripod: Any, ros_domain: int, tmp_path: Path
-) -> None:
-    (tmp_path / "welcome.py").write_text(CODE)
-    process = start_process(
-        "softsim_ros.simulator.simulator_node",
-        *("--ros-args", "-r", "__ns:=/trusting", *parameter_words(robot="held_centre", allow_code=tmp_path)),
-    )
+@pytest.fixture(scope="module")
+def allowed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder whose code may run in `trusting`."""
+    return tmp_path_factory.mktemp("allowed")
+
+
+@pytest.fixture(scope="module")
+def trusting(start_process: Any, ros_domain: int, allowed: Path) -> Iterator[Robot]:
+    """A simulator that was started with an allowed folder."""
+    words = parameter_words(robot="held_centre", allow_code=allowed)
+    process = start_process(SIMULATOR, "--ros-args", "-r", "__ns:=/trusting", *words)
     assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "trusting")
-    try:
-        trusting = type(tripod)(process, client)
-        assert trusting.set_parameters(robot="welcome") == (True, "")
-        assert (tmp_path / "welcome.ran").exists()
-        assert "read-only" in trusting.set_parameters(allow_code="/")[1]
-    finally:
-        client.close()
+    yield Robot(process, client)
+    client.close()
 
 
-def test_while_another_scene_is_built_services_answer(
-    tripod: Any, start_process: Any, ros_domain: int, tmp_path: Path
-) -> None:
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter
-
-    gate, scene = tmp_path / "gate", tmp_path / "patient.py"
+def test_while_another_scene_is_built_services_answer(trusting: Robot, allowed: Path) -> None:
+    gate, scene = allowed / "gate", allowed / "patient.py"
     os.mkfifo(gate)
     scene.write_text(f"""
 from softsim_core.scene import load_scene
@@ -115,38 +111,35 @@ def create_scene(*_):
     open({str(gate)!r}).read()
     raise LookupError("nothing here")
 """)
-    process = start_process(
-        "softsim_ros.simulator.simulator_node",
-        *("--ros-args", "-r", "__ns:=/patient", *parameter_words(robot="held_centre", allow_code=tmp_path)),
-    )
-    assert process.says("simulating", BUILD_S), process.output
-    client = Client(ros_domain, "patient")
-    try:
-        patient = type(tripod)(process, client)
-        setter = client.service(SetParameters, "simulator/set_parameters")
+    setter = trusting.client.service(SetParameters, "simulator/set_parameters")
 
-        def wish(robot: str) -> Any:
-            message = Parameter("robot", value=robot).to_parameter_msg()
-            return setter.call_async(SetParameters.Request(parameters=[message]))
+    def wish(robot: str) -> Any:
+        message = Parameter("robot", value=robot).to_parameter_msg()
+        return setter.call_async(SetParameters.Request(parameters=[message]))
 
-        def reason(answer: Any) -> str:
-            return str(answer.result().results[0].reason)
+    def reason(answer: Any) -> str:
+        return str(answer.result().results[0].reason)
 
-        answer = wish("patient")
-        with gate.open("w"):  # opens once the scene's code runs
-            assert patient.pause(True)[0]
-            assert patient.trigger("step")[0]
-            assert patient.set_parameters(speed=2.0) == (True, "")
-            others = [wish("no_such_robot") for _ in range(4)]
-            assert spin_until(others[-1].done)  # no more than three wait
-            assert "another scene is being loaded" in reason(others[-1])
-            assert not any(each.done() for each in (answer, *others[:-1]))
-        assert spin_until(lambda: all(each.done() for each in (answer, *others)))
-        assert "nothing here" in reason(answer)
-        assert all("known" in reason(each) for each in others[:-1])
-        assert patient.get_parameter("robot") == "held_centre"
-    finally:
-        client.close()
+    answer = wish("patient")
+    with gate.open("w"):  # opens once the scene's code runs
+        assert trusting.pause(True)[0]
+        assert trusting.trigger("step")[0]
+        assert trusting.set_parameters(speed=2.0) == (True, "")
+        others = [wish("no_such_robot") for _ in range(4)]
+        assert spin_until(others[-1].done)  # no more than three wait
+        assert "another scene is being loaded" in reason(others[-1])
+        assert not any(each.done() for each in (answer, *others[:-1]))
+    assert spin_until(lambda: all(each.done() for each in (answer, *others)))
+    assert "nothing here" in reason(answer)
+    assert all("known" in reason(each) for each in others[:-1])
+    assert trusting.get_parameter("robot") == "held_centre"
+
+
+def test_code_of_an_allowed_folder_runs(trusting: Robot, allowed: Path) -> None:
+    (allowed / "welcome.py").write_text(CODE)
+    assert trusting.set_parameters(robot="welcome") == (True, "")
+    assert (allowed / "welcome.ran").exists()
+    assert "read-only" in trusting.set_parameters(allow_code="/")[1]
 
 
 @pytest.mark.parametrize("name", ["~nobody/x", "a" * 5000, "../tripod", "", "x" + 300 * "/y"])
