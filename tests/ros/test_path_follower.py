@@ -20,6 +20,7 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from std_msgs.msg import Bool, Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
+from waiting import DEADLINE_S  # noqa: E402
 
 from servo_bridge.state_topics import STATE_QOS  # noqa: E402
 from softsim_core.errors import ConfigError  # noqa: E402
@@ -72,7 +73,7 @@ def start_follower(ros_domain: int, client: Any, tmp_path: Path) -> Iterator[Cal
         opened.append((follower, thread))
         thread.__enter__()
         bench = Bench(follower, client)
-        assert client.node.wait_for_node("/tripod/path_follower", 15.0)
+        assert client.node.wait_for_node("/tripod/path_follower", DEADLINE_S)
         return bench
 
     yield start
@@ -87,13 +88,17 @@ def test_a_plan_is_played_to_its_end(start_follower: Any, spin_until: Any) -> No
     assert not bench.goals  # nothing is sent before the start
     assert spin_until(lambda: bench.tells(enabled=True, playing=False, paused=False))
     assert bench.start() == (True, "path started: 1 s")
-    assert spin_until(lambda: bench.tells(playing=True))
     assert spin_until(lambda: bench.progress and bench.progress[-1].data == 100.0)
     assert spin_until(lambda: bench.tells(playing=False, paused=False))
-    last, count = bench.goals[-1], len(bench.goals)
-    assert last.header.frame_id == "world"
-    assert last.pose.position.z == pytest.approx(0.05)  # 30 mm at rest, 20 mm up
-    assert (last.pose.orientation.x, last.pose.orientation.y) == pytest.approx((-math.sin(0.05), 0.0))
+    end = pytest.approx((0.05, -math.sin(0.05), 0.0))  # 30 mm at rest, 20 mm up
+
+    def last() -> tuple[float, ...]:
+        pose = bench.goals[-1].pose
+        return pose.position.z, pose.orientation.x, pose.orientation.y
+
+    assert spin_until(lambda: last() == end), last()
+    count = len(bench.goals)
+    assert bench.goals[-1].header.frame_id == "world"
     assert bench.switch("pause", True) == (False, "no path is running (it is ended); call start first")
     assert len(bench.goals) == count  # the last goal is held by whoever follows it
     assert bench.start()[0]
@@ -108,6 +113,7 @@ def test_pause_and_enable(start_follower: Any, spin_until: Any) -> None:
     assert bench.switch("enable", True) == (True, "ready")
     assert bench.start()[0]
     assert spin_until(lambda: len(bench.goals) > 5)
+    assert spin_until(lambda: bench.tells(playing=True, paused=False))
     done, sentence = bench.switch("pause", True)
     assert done
     assert sentence.startswith("paused at ")

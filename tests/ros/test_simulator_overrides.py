@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from geometry_msgs.msg import PoseArray  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
@@ -18,8 +18,8 @@ from std_msgs.msg import String  # noqa: E402
 MOVED = "joints: [{name: servo_0, base: {translation: [-0.0641, 0.01, 0.0]}}]"
 
 
-def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_until: Any) -> None:
-    robot = start_robot(robot="tripod", overrides='"gravity: [0, 0, -1.5]"')
+def test_a_part_moves_and_a_wrong_value_moves_nothing(tripod: Any, spin_until: Any) -> None:
+    robot = tripod
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     structures = robot.client.collect(String, "scene/structure", latched)
     frames = robot.client.collect(PoseArray, "frames")
@@ -30,7 +30,7 @@ def test_a_part_moves_and_a_wrong_value_moves_nothing(start_robot: Any, spin_unt
 
     assert until(lambda: structures and frames)
     begun = json.loads(structures[-1].data)
-    assert begun["overrides"] == "gravity: [0, 0, -1.5]"
+    assert begun["overrides"] == ""
     base = begun["frames"].index("servo_0")
     assert frames[-1].poses[base].position.y == pytest.approx(0.0, abs=1e-9)
 

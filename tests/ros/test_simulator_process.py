@@ -6,6 +6,7 @@ import signal
 from typing import Any
 
 import pytest
+from node_processes import NodeProcess
 from waiting import BUILD_S, DEADLINE_S
 
 pytest.importorskip("rclpy")
@@ -13,16 +14,30 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from sensor_msgs.msg import JointState  # noqa: E402
 
+from softsim_ros.simulator.simulator_node import main  # noqa: E402
+
 SIMULATOR = "softsim_ros.simulator.simulator_node"
 
 
-@pytest.mark.parametrize(("moment", "number"), [("building", signal.SIGINT), ("simulating", signal.SIGTERM)])
-def test_signals_end_it_cleanly(start_process: Any, number: signal.Signals, moment: str) -> None:
-    process = start_process(SIMULATOR)
-    assert process.says(moment, BUILD_S), process.output
+def ends_cleanly(process: NodeProcess, number: signal.Signals) -> None:
     assert process.end(number) == 0, process.output
     assert "Traceback" not in process.output
     assert "rror" not in process.output
+
+
+def test_a_signal_while_it_builds_ends_it_cleanly(start_process: Any) -> None:
+    process = start_process(SIMULATOR)
+    assert process.says("building", BUILD_S), process.output
+    ends_cleanly(process, signal.SIGINT)
+
+
+def test_the_namespace_is_the_robots_name_unless_given_and_a_signal_ends_it_cleanly(
+    start_process: Any, client: Any, spin_until: Any
+) -> None:
+    process = start_process(SIMULATOR, "--ros-args", "-r", "__ns:=/left", "-p", "robot:=parts/servo")
+    assert process.says("simulating servo", BUILD_S), process.output
+    assert spin_until(lambda: ("simulator", "/left") in client.node.get_node_names_and_namespaces())
+    ends_cleanly(process, signal.SIGTERM)
 
 
 @pytest.mark.parametrize(
@@ -36,11 +51,13 @@ def test_signals_end_it_cleanly(start_process: Any, number: signal.Signals, mome
         (("-p", "nonsense"), "nonsense"),
     ],
 )
-def test_a_wrong_start_is_one_sentence(start_process: Any, arguments: tuple[str, ...], sentence: str) -> None:
-    process = start_process(SIMULATOR, "--ros-args", *arguments)
-    assert process.process.wait(DEADLINE_S) == 1, process.output
-    lines = [line for line in process.output.splitlines() if "[INFO]" not in line and "[rcl]" not in line]
-    assert len(lines) == 1, process.output
+def test_a_wrong_start_is_one_sentence(
+    ros_domain: int, capfd: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
+) -> None:
+    assert main(["--ros-args", *arguments]) == 1
+    written = "".join(capfd.readouterr())
+    lines = [line for line in written.splitlines() if "[INFO]" not in line and "[rcl]" not in line]
+    assert len(lines) == 1, written
     assert sentence in lines[0]
 
 
@@ -57,12 +74,3 @@ def test_after_kill_nine_it_starts_again(start_robot: Any, spin_until: Any) -> N
 
     assert spin_until(moved)
     assert second.process.end() == 0
-
-
-def test_the_namespace_is_the_robots_name_unless_given(
-    start_process: Any, client: Any, spin_until: Any
-) -> None:
-    process = start_process(SIMULATOR, "--ros-args", "-r", "__ns:=/left", "-p", "robot:=parts/servo")
-    assert process.says("simulating servo", BUILD_S), process.output
-    assert spin_until(lambda: ("simulator", "/left") in client.node.get_node_names_and_namespaces())
-    assert process.end() == 0

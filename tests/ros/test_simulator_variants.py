@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,21 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 from softsim_core.scene.files import config_file  # noqa: E402
 from softsim_ros.messages import diagnostic_values  # noqa: E402
+from softsim_ros.qos import LATCHED  # noqa: E402
 
 
-def test_a_scene_may_refuse_what_is_out_of_range(start_robot: Any, spin_until: Any) -> None:
-    robot = start_robot(out_of_range="refuse")
+def test_a_simulator_starts_with_other_parameters(start_robot: Any, spin_until: Any) -> None:
+    """Values out of range are refused, simulated time goes to the clock and stamps, overrides hold."""
+    overrides = '"gravity: [0, 0, -1.5]"'
+    robot = start_robot(out_of_range="refuse", publish_clock=True, speed=2.0, overrides=overrides)
     try:
+        structures = robot.client.collect(String, "scene/structure", LATCHED)
+        assert spin_until(lambda: structures)
+        assert json.loads(structures[-1].data)["overrides"] == "gravity: [0, 0, -1.5]"
         states = robot.client.collect(JointState, "joint_states")
         assert spin_until(lambda: states)
         robot.command([-0.3, -0.3, -9.0])
@@ -29,29 +37,17 @@ def test_a_scene_may_refuse_what_is_out_of_range(start_robot: Any, spin_until: A
         states.clear()
         assert spin_until(lambda: len(states) > 5)
         assert {position for state in states for position in state.position} == {0.0}
-    finally:
-        assert robot.process.end() == 0
-
-
-def test_simulated_time_goes_to_clock_and_stamps_when_asked(start_robot: Any, spin_until: Any) -> None:
-    robot = start_robot(publish_clock=True, speed=2.0)
-    try:
+        assert states[-1].header.stamp.sec < 1000  # not the wall clock
         clocks = robot.client.collect(Clock, "/clock")
         assert spin_until(lambda: len(clocks) > 50)
         times = np.array([clock.clock.sec + 1e-9 * clock.clock.nanosec for clock in clocks])
         assert (np.diff(times) > 0.0).all()
         np.testing.assert_allclose(times / 0.01, np.rint(times / 0.01), atol=1e-6)  # whole steps
-        states = robot.client.collect(JointState, "joint_states")
-        assert spin_until(lambda: states)
-        assert states[-1].header.stamp.sec < 1000  # not the wall clock
     finally:
         assert robot.process.end() == 0
 
 
 def test_the_mid_mesh_takes_less_than_400_mb(start_robot: Any, spin_until: Any) -> None:
-    assert (
-        start_robot(robot="tripod_mid").process.end() == 0
-    )  # compiles kernels where they are not cached yet
     robot = start_robot(robot="tripod_mid")
     try:
         reports = robot.client.collect(DiagnosticArray, "/diagnostics")

@@ -16,16 +16,23 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripo
 START, MID, HIGH = "-1.4965", "-1.0467", "-0.7850"
 
 
-@pytest.fixture
-def teleop(tripod: Any) -> Iterator[TerminalSession]:
+@pytest.fixture(scope="module")
+def terminal(running_tripod: Any) -> Iterator[TerminalSession]:
+    """One teleop for all tests."""
     with TerminalSession([sys.executable, "-m", "softsim_ros.teleop.teleop_node"]) as session:
         session.wait_for("simulator: running at")
-        session.wait_for("0.0000    0.0")
         yield session
         session.type(b"x")
         assert session.wait() == 0
         assert session.modes == session.modes_before
         assert "Traceback" not in session.text
+
+
+@pytest.fixture
+def teleop(tripod: Any, terminal: TerminalSession) -> TerminalSession:
+    """The teleop, which shows the robot at its start."""
+    assert shows(terminal, "0.0000", "0.0000", "0.0000"), terminal.screen
+    return terminal
 
 
 def measured(session: TerminalSession) -> list[str]:
