@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -43,6 +44,7 @@ class Reports:
         self._known.change(
             real_time_factor=_number(values, "real_time_factor"),
             time_s=_number(values, "time_s"),
+            time_at=time.monotonic(),
             dt=_number(values, "dt_s"),
             fault=fault,
             scene_error=fault if values.get("scene") == "not loaded" else "",

@@ -52,6 +52,7 @@ class RobotState:
         simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
         real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
         time_s: Simulated time in [s]; None: not heard.
+        time_at: Time of that report, steady clock, in [s].
         dt: Time step in [s]; None: not heard.
         fault: What the simulator says is wrong; empty while nothing is.
         scene_error: The same where a file of the scene is the cause.
@@ -79,6 +80,7 @@ class RobotState:
     simulator: str = ""
     real_time_factor: float | None = None
     time_s: float | None = None
+    time_at: float = -math.inf
     dt: float | None = None
     fault: str = ""
     scene_error: str = ""

@@ -9,28 +9,66 @@ from typing import Any, Final
 import numpy as np
 
 from softsim_core.arrays import Array
+from softsim_ros.client.state import STALE_AFTER_S, RobotState
 
 PERIOD_S: Final = 0.2
 WINDOW: Final = 150
 COLOURS: Final = ("#1971c2", "#e67700", "#2b8a3e", "#c92a2a", "#9c36b5", "#0c8599", "#868e96", "#5f3dc4")
 
 
+class TimeAxis:
+    """Simulated time of values that are seen between the simulator's reports, which come once a second.
+
+    Time grows evenly between two reports. After the newest it grows by the real-time factor, and stands while
+    the simulation does. Where no simulator reports, it is the time since `start`.
+
+    Args:
+        start: Time of the steady clock in [s].
+    """
+
+    def __init__(self, start: float) -> None:
+        self._start = start
+        self._reports: deque[tuple[float, float]] = deque(maxlen=WINDOW)
+        self._rate = 0.0
+
+    def follow(self, state: RobotState) -> bool:
+        """Take what is known of the robot; True where time begins anew, as it does with a reset."""
+        self._rate = 0.0 if state.stands else state.real_time_factor or 0.0
+        if state.time_s is None or (self._reports and state.time_at <= self._reports[-1][0]):
+            return False
+        is_new = not self._reports or state.time_s < self._reports[-1][1]
+        if is_new:
+            self._reports.clear()
+        self._reports.append((state.time_at, state.time_s))
+        return is_new
+
+    def times(self, seen: Sequence[float]) -> Array:
+        """Return simulated times in [s] of times of the steady clock in [s]."""
+        steady = np.asarray(seen, dtype=float)
+        if not self._reports:
+            return steady - self._start
+        reported_at, reported = np.array(self._reports).T
+        since = np.clip(steady - reported_at[-1], 0.0, STALE_AFTER_S)
+        return np.asarray(np.interp(steady, reported_at, reported) + self._rate * since)
+
+
 class Curves:
-    """One chart with some series; times in [s] grow.
+    """One chart with some series.
 
     Args:
         gui: viser's controls.
         title: Above the chart.
         names: One a series.
+        axis: Times of the rows.
     """
 
-    def __init__(self, gui: Any, title: str, names: Sequence[str]) -> None:
-        self.names = tuple(names)
+    def __init__(self, gui: Any, title: str, names: Sequence[str], axis: TimeAxis) -> None:
+        self.names, self._axis = tuple(names), axis
         self._rows: deque[tuple[float, ...]] = deque(maxlen=WINDOW)
         self._chart = gui.add_uplot(
             self._data(),
             (
-                {"label": "s"},
+                {"label": "t [s]"},
                 *({"label": name, "stroke": COLOURS[i % 8], "width": 1.5} for i, name in enumerate(names)),
             ),
             title=title,
@@ -38,18 +76,19 @@ class Curves:
             height=170,
         )
 
-    def remove(self) -> None:
-        """Take the chart from the page."""
-        self._chart.remove()
-
-    def add(self, time_s: float, values: Sequence[float]) -> None:
-        """One more row; a time before the last one begins anew."""
-        if self._rows and time_s < self._rows[-1][0]:
+    def clear(self) -> None:
+        """Leave the chart blank until the next row."""
+        if self._rows:
             self._rows.clear()
-        self._rows.append((time_s, *(float(value) for value in values)))
+            self._chart.data = self._data()
+
+    def add(self, now: float, values: Sequence[float]) -> None:
+        """Add a row that is seen at `now`, steady clock, in [s]."""
+        self._rows.append((now, *(float(value) for value in values)))
         self._chart.data = self._data()
 
     def _data(self) -> tuple[Array, ...]:
         if not self._rows:
             return tuple(np.zeros(0) for _ in range(len(self.names) + 1))
-        return tuple(np.array(column) for column in zip(*self._rows, strict=True))
+        seen, *columns = zip(*self._rows, strict=True)
+        return self._axis.times(seen), *(np.array(column) for column in columns)

@@ -103,10 +103,10 @@ def pressure(value: float) -> str:
     return f"{value:.3g} Pa"
 
 
-def goal_error_mm(state: RobotState) -> float:
-    """How far the effector is from its newest goal in [mm]; 0 without one."""
+def goal_error_mm(state: RobotState) -> float | None:
+    """Return the distance of the effector from its newest goal in [mm]; None without a goal."""
     if state.heard_goal is None or state.effector is None:
-        return 0.0
+        return None
     return MM * math.dist(state.heard_goal.position, state.effector.position)
 
 

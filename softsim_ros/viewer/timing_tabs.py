@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.client.state import RobotState
 from softsim_ros.viewer.panel import Inbox, Shown
-from softsim_ros.viewer.plots import Curves
+from softsim_ros.viewer.plots import Curves, TimeAxis
 from softsim_ros.viewer.profiler import ProfilerView
 from softsim_ros.viewer.readings import goal_error_mm
 from softsim_ros.viewer.stage_tables import stage_table
@@ -17,7 +18,7 @@ from softsim_ros.viewer.units import unit_on_page
 
 
 class PlotsTab:
-    """Curves over time.
+    """Curves over simulated time.
 
     Args:
         gui: viser's controls, inside the tab.
@@ -44,24 +45,41 @@ class PlotsTab:
             "stages": ("Time a step [ms]", ("step", "publishing")),
             "factor": ("Real-time factor", ("factor",)),
         }
+        self._axis = TimeAxis(time.monotonic())
         self._plots = {
-            name: Curves(gui, title, series)
+            name: Curves(gui, title, series, self._axis)
             for name, (title, series) in charts.items()
             if series  # a scene may have no joints
         }
+        self._seen_at: float | None = None
 
-    def add(self, time_s: float) -> None:
-        """One more point on every curve."""
+    def add(self, now: float) -> None:
+        """Add a point to each curve at `now`, steady clock, in [s]; none while simulated time stands."""
         state, stages = self._state(), self._statistics.stages
+        if self._axis.follow(state):
+            self._seen_at = None
+            for curves in self._plots.values():
+                curves.clear()
+        if self._seen_at is not None:
+            before, time_s = self._axis.times([self._seen_at, now])
+            if time_s <= before:
+                return
+        self._seen_at = now
         if "positions" in self._plots and state.measured is not None:
             shown = [at * factor for at, (factor, _) in zip(state.measured, self._units, strict=False)]
-            self._plots["positions"].add(time_s, shown)
+            self._plots["positions"].add(now, shown)
         if "efforts" in self._plots and len(state.efforts) == len(self._robot.joints):
-            self._plots["efforts"].add(time_s, state.efforts)
-        self._plots["error"].add(time_s, (goal_error_mm(state),))
-        means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
-        self._plots["stages"].add(time_s, means)
-        self._plots["factor"].add(time_s, (state.real_time_factor or 0.0,))
+            self._plots["efforts"].add(now, state.efforts)
+        error = goal_error_mm(state)
+        if error is None:
+            self._plots["error"].clear()
+        else:
+            self._plots["error"].add(now, (error,))
+        if stages:
+            means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
+            self._plots["stages"].add(now, means)
+        if state.real_time_factor is not None:
+            self._plots["factor"].add(now, (state.real_time_factor,))
 
 
 class TimingTab:

@@ -82,7 +82,6 @@ class Viewer(ClosableNode):
         self._inbox = Inbox()
         self.parts = self._make_parts(robot, settings)
         self._warnings = Warnings(self, self.parts.spoken.say)
-        self._started_at = time.monotonic()
         self._next_refresh = self._next_plot = 0.0
         self._controlled: RobotDescription | None = None
         self._build_page()
@@ -179,7 +178,7 @@ class Viewer(ClosableNode):
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
             with self.refusing("plot"):
-                self.controls.plots.add(now - self._started_at)
+                self.controls.plots.add(now)
         with self.refusing("pull"):
             self.parts.mouse.send(picture.stage.pull, picture.stage.surface.points, now)
 
