@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from servo_bridge.errors import PortError
 from servo_bridge.link import BoardLink, MetBoard, Reader
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
-from servo_bridge.transport import SerialTransport
+from servo_bridge.transport import Transport
 from softsim_core.scene.board import BoardDescription
 
 Word: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
@@ -42,7 +42,7 @@ class BoardPort:
         self.on_tilt = on_tilt
         self.link: BoardLink | None = None
         self._candidates, self._clock = tuple(candidates), clock
-        self._transport: SerialTransport | None = None
+        self._transport: Transport | None = None
         self._reader: Reader | None = None
         self._met: MetBoard | None = None  # on a port closed since
 
@@ -97,7 +97,7 @@ class BoardPort:
             self.link.check(self._clock())
 
     def _open(
-        self, transport: SerialTransport, quiet_s: float, before: MetBoard | None, silent_allowed: bool
+        self, transport: Transport, quiet_s: float, before: MetBoard | None, silent_allowed: bool
     ) -> None:
         """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke.
 
@@ -155,7 +155,7 @@ class BoardPort:
         return transport is not None and link is not None and _say(transport, link, word)
 
 
-def _say(transport: SerialTransport, link: BoardLink, word: Word) -> bool:
+def _say(transport: Transport, link: BoardLink, word: Word) -> bool:
     with link.speaking() as board:
         if word not in board.abilities:
             return False

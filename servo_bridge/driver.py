@@ -24,7 +24,7 @@ from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidat
 from servo_bridge.safety import MotionSettings, ServoMotion, rest_angle, servo_limits
 from servo_bridge.servo_commands import ServoCommands
 from servo_bridge.takeover import Takeover
-from servo_bridge.transport import SerialTransport
+from servo_bridge.transport import SerialTransport, Transport
 from servo_bridge.wording import sentence
 from servo_bridge.writer import ends_in_time
 from softsim_core.errors import CommandError, SceneError
@@ -73,6 +73,7 @@ class ServoDriver(BoardPort):
         e_stop: The latch that every tick looks at; None makes one.
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only by `settle`.
+        open_port: Opens a port by its name and baud rate.
 
     Raises:
         SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
@@ -92,6 +93,7 @@ class ServoDriver(BoardPort):
         e_stop: EStop | None = None,
         clock: Callable[[], float] = steady_time,
         wait: Callable[[float], None] = time.sleep,
+        open_port: Callable[[str, int], Transport] = SerialTransport,
     ) -> None:
         if robot.board is None or not robot.board.servos:
             raise SceneError(
@@ -123,7 +125,7 @@ class ServoDriver(BoardPort):
         self._pose = BoardPose(self.motion, self._lock)
         self._told = False  # the last tick told the board a pose, or to hold
         self.sent_bytes: tuple[int, ...] | None = None
-        self._wait = wait
+        self._wait, self._open_port = wait, open_port
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
 
     @property
@@ -173,7 +175,7 @@ class ServoDriver(BoardPort):
             PortError: it cannot be opened.
         """
         self.disconnect()
-        transport = SerialTransport(port, self.baud_rate)
+        transport = self._open_port(port, self.baud_rate)
         with self._lock:
             self._open(transport, quiet_s, self.met if again else None, silent_allowed)
             self._course.follow()
@@ -357,7 +359,7 @@ class ServoDriver(BoardPort):
             return None
         return self._send(transport, link, now)
 
-    def _send(self, transport: SerialTransport, link: BoardLink, now: float) -> tuple[int, ...]:
+    def _send(self, transport: Transport, link: BoardLink, now: float) -> tuple[int, ...]:
         """Write the next pose of the present course."""
         with self._lock:
             before = self.motion.positions

@@ -13,10 +13,10 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
 
 from servo_bridge.errors import PortError
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
+from servo_bridge.transport import Transport
 
 TELEMETRY_TIMEOUT_S = 0.5
 """Without telemetry for this long a board that sent some is lost."""
@@ -260,18 +260,6 @@ def _described(protocol: str, identity: str) -> str:
     return f"protocol {protocol}, {identity or 'without a number'}"
 
 
-class Readable(Protocol):
-    """A port to read from; `transport.SerialTransport` is one."""
-
-    def read(self) -> bytes:
-        """Bytes that came in, none after a short time without any; PortError where it failed."""
-        ...
-
-    def cancel_read(self) -> None:
-        """End a `read` that waits in another thread."""
-        ...
-
-
 class Reader:
     """A thread that hands everything a port gives to a link until the port fails or `stop` is called.
 
@@ -284,7 +272,7 @@ class Reader:
 
     def __init__(
         self,
-        source: Readable,
+        source: Transport,
         link: BoardLink,
         clock: Callable[[], float],
         on_tilt: Callable[[TiltReading], None] = lambda reading: None,

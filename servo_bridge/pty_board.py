@@ -142,7 +142,7 @@ class PtyBoard(ABC):
         with self._changed:
             return self._received
 
-    def wait_for(self: Board, predicate: Callable[[Board], bool], deadline_s: float = 30.0) -> bool:
+    def wait_for(self: Board, predicate: Callable[[Board], bool], deadline_s: float = 120.0) -> bool:
         """Wait until `predicate(board)` holds, looking after every change of the board.
 
         Returns:

@@ -7,6 +7,7 @@ import os
 import select
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 import serial
 
@@ -15,6 +16,28 @@ from servo_bridge.errors import PortError
 READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.2
 BRLTTY = "if it vanishes right after plugging in on Ubuntu, remove the package brltty: it takes CH340 chips"
+
+
+class Transport(Protocol):
+    """An open port to a board; `SerialTransport` is one."""
+
+    port: str
+
+    def write(self, packet: bytes) -> None:
+        """Send one packet; PortError where the port failed."""
+        ...
+
+    def read(self) -> bytes:
+        """Bytes that came in, none after a short time without any; PortError where the port failed."""
+        ...
+
+    def cancel_read(self) -> None:
+        """End a `read` that waits in another thread."""
+        ...
+
+    def close(self) -> None:
+        """Close the port; a second call does nothing."""
+        ...
 
 
 class SerialTransport:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,17 @@ def missing(reason: str) -> None:
     pytest.skip(reason)
 
 
+@cache
+def builds() -> tempfile.TemporaryDirectory[str]:
+    """A folder that lasts as long as this process."""
+    return tempfile.TemporaryDirectory(prefix="softsim_firmware_")
+
+
+def new_folder() -> Path:
+    return Path(tempfile.mkdtemp(dir=builds().name))
+
+
+@cache
 def compiler_version() -> str:
     """First line of the compiler's version; skips without it."""
     if shutil.which("avr-gcc") is None:
@@ -33,9 +46,11 @@ def compiler_version() -> str:
     return shown.stdout.splitlines()[0]
 
 
-def build(folder: Path, switches: str = "") -> Path:
-    """Build the firmware into a folder; returns the hex file."""
+@cache
+def build(switches: str = "") -> Path:
+    """Build the firmware, once per process; returns the hex file."""
     compiler_version()
+    folder = new_folder()
     for name in ("tripod.c", "imu.h", "Makefile"):
         shutil.copy(FIRMWARE / name, folder)
     subprocess.run(
@@ -44,9 +59,11 @@ def build(folder: Path, switches: str = "") -> Path:
     return folder / "tripod.hex"
 
 
-def build_boot_loader(folder: Path) -> Path:
-    """Build the Uno's boot loader from Debian's source; skips without it."""
+@cache
+def build_boot_loader() -> Path:
+    """Build the Uno's boot loader from Debian's source, once per process; skips without it."""
     compiler_version()
+    folder = new_folder()
     if not OPTIBOOT.is_file():
         missing(f"{OPTIBOOT} is missing (apt-get install arduino-core-avr)")
     elf, image = folder / "optiboot.elf", folder / "optiboot.hex"

@@ -100,7 +100,7 @@ def test_a_missing_emulator_is_one_sentence(tmp_path: Path, ros_domain: int) -> 
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
-        timeout=90.0,
+        timeout=300.0,
         check=False,
         env={**os.environ, "SOFTSIM_SIMAVR": "/no/such/library", "XDG_RUNTIME_DIR": str(tmp_path)},
     )

@@ -30,17 +30,15 @@ def test_the_checksums_are_those_of_the_files() -> None:
         assert seen == checksum, f"{name} changed: run make all checksum in servo_bridge/firmware"
 
 
-def test_the_image_is_built_byte_for_byte(tmp_path: Path) -> None:
+def test_the_image_is_built_byte_for_byte() -> None:
     _, compiler = recorded()
     if compiler_version() != compiler:
         pytest.skip(f"the image was built with {compiler}, here is {compiler_version()}")
-    assert build(tmp_path).read_bytes() == (FIRMWARE / "tripod.hex").read_bytes()
+    assert build().read_bytes() == (FIRMWARE / "tripod.hex").read_bytes()
 
 
-def test_a_board_without_frames_and_telemetry(
-    make_board: Callable[..., EmulatedBoard], tmp_path: Path
-) -> None:
-    board = make_board(build(tmp_path, "-DLEGACY_ONLY"))
+def test_a_board_without_frames_and_telemetry(make_board: Callable[..., EmulatedBoard]) -> None:
+    board = make_board(build("-DLEGACY_ONLY"))
     board.run(0.1)
     board.feed(frames.set_widths(1, [1500] * 3))
     board.run(0.1)
@@ -51,8 +49,8 @@ def test_a_board_without_frames_and_telemetry(
     assert board.widths_us() == pytest.approx(ideal(90, 120, 150), abs=TOLERANCE_US)  # silence never moves it
 
 
-def test_a_board_without_watchdog(make_board: Callable[..., EmulatedBoard], tmp_path: Path) -> None:
-    board = make_board(build(tmp_path, "-DNO_WDT"))
+def test_a_board_without_watchdog(make_board: Callable[..., EmulatedBoard]) -> None:
+    board = make_board(build("-DNO_WDT"))
     board.run(0.1)
     place = board.processor.program_counter
     board.processor.flash[place : place + 2] = [0xFF, 0xCF]  # a jump to itself

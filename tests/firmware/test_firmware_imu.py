@@ -21,8 +21,8 @@ SECOND_ANGLE, THIRD_ANGLE = 0x1C, 0x1E
 
 
 @pytest.fixture(scope="module")
-def imu_firmware(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("imu"), "-DIMU")
+def imu_firmware() -> Path:
+    return build("-DIMU")
 
 
 @pytest.fixture

@@ -126,6 +126,7 @@ def test_half_a_packet_is_dropped_without_another_byte(board: EmulatedBoard, hal
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_half_a_packet_is_not_obeyed_when_the_clock_of_its_age_has_wrapped(board: EmulatedBoard) -> None:
     stream(board, frames.set_widths(1, [1500] * 3), 0.1)
     board.run(1.0)

@@ -73,7 +73,7 @@ def test_the_firmware_is_written_through_the_boot_loader(
     address, wanted = read_image(FIRMWARE)
     blank = tmp_path / "blank.hex"
     blank.write_text(":02000000FFCF30\n:00000001FF\n")  # a jump to itself: a board that says nothing
-    with EmulatedBoardPty(blank, build_boot_loader(tmp_path), tmp_path / "board") as board:
+    with EmulatedBoardPty(blank, build_boot_loader(), tmp_path / "board") as board:
         with SerialTransport(board.port):  # a bridge that was left running
             assert main(["flash", "--yes", "--port", board.port]) == 1
         assert "in use by another program" in capfd.readouterr().err
