@@ -35,26 +35,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Numba and SciPy compute the same steps; `tests/unit/test_steppers_agree.py` compares them. A test that
     runs on both, for several cases, keeps every case on Numba and at least one on SciPy. The SciPy cases of a
-    module meet each element, law, actuator and scene of its cases. A slow test keeps one seed for each case.
+    module meet each element, law, actuator and scene of its cases, in its first tests where they can. A slow
+    test keeps one seed for each case.
     """
-    on_scipy: dict[str, list[pytest.Function]] = defaultdict(list)
+    on_scipy: dict[str, dict[str, list[pytest.Function]]] = defaultdict(lambda: defaultdict(list))
     seeded: dict[tuple[str, ...], list[pytest.Function]] = defaultdict(list)
     for item in items:
         if isinstance(item, pytest.Function) and not item.get_closest_marker("exhaustive"):
             given = item.callspec.params if hasattr(item, "callspec") else {}
             if given.get("backend") == "scipy":
-                on_scipy[item.nodeid.partition("::")[0]].append(item)
+                on_scipy[item.nodeid.partition("::")[0]][item.originalname].append(item)
             if "seed" in given and item.get_closest_marker("slow"):
                 others = (repr(value) for key, value in given.items() if key != "seed")
                 seeded[(item.nodeid.partition("[")[0], *others)].append(item)
-    for name, cases in on_scipy.items():
+    for tests in on_scipy.values():
         met: set[tuple[str, str]] = set()
-        for case in _shuffled(cases, name):
-            features = {(key, _feature(key, value)) for key, value in case.callspec.params.items()}
-            features.add(("test", case.originalname))
-            if features <= met:
-                case.add_marker(pytest.mark.exhaustive)
-            met |= features
+        for name, cases in tests.items():
+            for k, case in enumerate(_shuffled(cases, name)):
+                features = {(key, _feature(key, value)) for key, value in case.callspec.params.items()}
+                if k and features <= met:
+                    case.add_marker(pytest.mark.exhaustive)
+                met |= features
     for names, cases in seeded.items():
         for case in _shuffled(cases, "-".join(names))[1:]:
             case.add_marker(pytest.mark.exhaustive)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from contact_scenes import touching
+from sampled_cases import sampled
 from small_scenes import scene
 from test_chambers import hollow, inflated
 from test_pump_lines import GIVEN, LINES
@@ -100,8 +101,11 @@ AT_REST: dict[str, tuple[SceneDescription, float]] = {
 
 
 @pytest.mark.usefixtures("cut")
-@pytest.mark.parametrize("scheme", ["implicit_euler", "bossak"])
-@pytest.mark.parametrize("kind", AT_REST)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "scheme"),
+    sampled("cut steps", [(kind, scheme) for kind in AT_REST for scheme in ("implicit_euler", "bossak")]),
+)
 def test_what_rests_under_a_constant_command_stays(kind: str, scheme: Any) -> None:
     described, command = AT_REST[kind]
     solver = replace(described.solver, time_integration=scheme, backend="scipy")
@@ -146,6 +150,7 @@ AROUND = WrenchSensorDescription(name="around", body="cube")
 ON_BALL = WrenchSensorDescription(name="on_ball", body="ball")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rough", [-1.0, 0.01])
 def test_impulses_of_contacts_are_changes_of_momentum(rough: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces that sensors report, times dt, whether steps are cut in equal or in unequal parts."""

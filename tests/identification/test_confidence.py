@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -35,16 +33,11 @@ from tests.identification.test_calibration import (
     ZERO,
     bench,
     fitted,
+    found,
     load_scene_text,
 )
 
 pytestmark = pytest.mark.slow
-
-
-@cache
-def found() -> Calibration:
-    """Thirteen poses of an arm, with noise of 0.2 mm."""
-    return fitted(bench(Path(mkdtemp())))
 
 
 def test_rows_left_out_err_a_little_more() -> None:

@@ -29,18 +29,24 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 mesher = pytest.mark.skipif(not have_mesher(), reason="needs pytetwild (pip install 'softsim[mesh]')")
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Meshes of the parts of this module: each is made once."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture(autouse=True)
-def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def own_folder(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     monkeypatch.chdir(tmp_path)
 
 
 STANDING, LYING = box(12, 8, 60), box(60, 12, 8)
 HOLLOW = joined(box(24, 24, 40), moved(inside_out(ball(9.0, 1)), z=5.0))
 MADE: dict[str, tuple[Surface, list[str], int, str]] = {
-    "standing": (STANDING, [], 2, "cable"),
-    "lying": (LYING, ["--order", "2", "--material", "Ecoflex 00-30"], 0, "cable"),
-    "hollow": (HOLLOW, ["--material", "dragon skin 10 medium"], 2, "air"),
+    "standing": (moved(STANDING, 30.0, -20.0), [], 2, "cable"),
+    "lying": (moved(LYING, 30.0, -20.0), ["--order", "2", "--material", "Ecoflex 00-30"], 0, "cable"),
+    "hollow": (moved(HOLLOW, 30.0, -20.0), ["--material", "dragon skin 10 medium"], 2, "air"),
 }
 
 
@@ -91,7 +97,7 @@ ARM = REPOSITORY / "configs" / "arms" / "bench_arm.urdf"
 def test_a_new_robot_hangs_on_an_arm(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("urdf_parser_py")
     surface, words, axis, joint = MADE[name]
-    part = write(tmp_path, moved(surface, x=30.0, y=-20.0), "part.stl")
+    part = write(tmp_path, surface, "part.stl")
     words = [*words, "--arm", str(ARM), "--link", "flange"]
     assert main(["new", name, "--from", str(part), "--size", "6", *words]) == 0
     assert f"softsim up ./{name}/{name}_on_arm.yaml" in capsys.readouterr().out
@@ -147,7 +153,7 @@ def test_numbers_are_numbers_in_yaml(value: float) -> None:
 @mesher
 @pytest.mark.slow
 def test_its_own_test_passes(tmp_path: Path) -> None:
-    part = write(tmp_path, STANDING, "part.stl")
+    part = write(tmp_path, MADE["standing"][0], "part.stl")
     assert main(["new", "post", "--from", str(part), "--size", "6"]) == 0
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "post"]

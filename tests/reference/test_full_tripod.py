@@ -38,6 +38,9 @@ POSES = {
 NEAR = {"Q": "all_-1.0", "all_-1.0": "Z", **{f"A_servo{k}_plus0.1": "A" for k in range(3)}}
 """Where statics begin that do not begin at rest."""
 
+DAILY = ("rest_theta0_base_r60", "A", "Z", "A_servo1_plus0.1")
+"""Poses of the daily run; the other ones are exhaustive."""
+
 
 def turn_between(pose: Pose, quaternion_xyzw: Array) -> float:
     """Angle in [rad] between a pose and an orientation."""
@@ -92,7 +95,10 @@ def solved(reference_dir: Path, level: str, name: str) -> State:
     return solve_static(sim.model, first, control, sim.parameters).state
 
 
-@pytest.mark.parametrize("name", POSES)
+@pytest.mark.parametrize(
+    "name",
+    [each if each in DAILY else pytest.param(each, marks=pytest.mark.exhaustive) for each in POSES],
+)
 @pytest.mark.parametrize("level", ["low", pytest.param("mid", marks=pytest.mark.exhaustive)])
 @pytest.mark.slow
 def test_poses_of_the_independent_computation(reference_dir: Path, level: str, name: str) -> None:

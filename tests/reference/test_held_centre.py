@@ -19,7 +19,15 @@ TOLERANCE = 1e-9
 """In [m]; seen: 4e-12. The reference holds its nodes by springs of 1e12 mN/mm, which give by 1e-12 m."""
 
 
-@pytest.mark.parametrize("level", ["low", "mid"])
+@pytest.mark.parametrize(
+    ("level", "backend"),
+    [
+        pytest.param("low", "numba", marks=pytest.mark.numba),
+        pytest.param("mid", "numba", marks=[pytest.mark.numba, pytest.mark.slow]),
+        pytest.param("low", "scipy", marks=pytest.mark.slow),
+        pytest.param("mid", "scipy", marks=pytest.mark.exhaustive),
+    ],
+)
 def test_every_snapshot_of_the_fall(reference_dir: Path, level: str, backend: Backend) -> None:
     results = np.load(reference_dir / "simulator" / f"held_centre_{level}.npz")
     sim = Simulation(held_centre(reference_dir, level), backend=backend)

@@ -166,7 +166,14 @@ def test_colours_are_for_terminals_that_have_them(monkeypatch: pytest.MonkeyPatc
     assert Colours(Terminal())("red", "no") == "no"
 
 
-@pytest.mark.parametrize("words", [(), ("--help",), ("doctor", "--port", "/dev/none"), ("up", "tripood")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("doctor", "--port", "/dev/none"),
+        ("up", "tripood"),
+        *(pytest.param(words, marks=pytest.mark.exhaustive) for words in ((), ("--help",))),
+    ],
+)
 @pytest.mark.slow
 def test_a_pipe_gets_no_colours(words: tuple[str, ...]) -> None:
     done = softsim(*words, TERM="xterm-256color")

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from subprocess import PIPE
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -80,7 +79,9 @@ def test_what_is_missing_in_the_cache_another_process_compiles(importable: Modul
 
 
 @pytest.mark.slow
-def test_a_process_that_compiles_may_die(importable: ModuleType) -> None:
+def test_a_process_that_compiles_may_die_and_cannot_compile_everything(importable: ModuleType) -> None:
+    from numba.core.errors import TypingError
+
     process = CompileProcess()
     try:
         assert process.compile(wanted("twice", float))
@@ -89,20 +90,9 @@ def test_a_process_that_compiles_may_die(importable: ModuleType) -> None:
         child.kill()
         child.wait()
         assert process.compile(wanted("four_times", float))
-    finally:
-        process.close()
-
-
-@pytest.mark.slow
-def test_what_another_process_cannot_compile_this_one_tells_of(importable: ModuleType) -> None:
-    from numba.core.errors import TypingError
-
-    process = CompileProcess()
-    try:
         assert not process.compile(wanted("twice", str))
         assert not process.compile(wanted("thrice", float))
         assert not process.compile(Wanted("kernels_nowhere", "twice", ()))
-        assert process.compile(wanted("twice", float))
     finally:
         process.close()
     with pytest.raises(TypingError):
@@ -118,12 +108,19 @@ def wanted(name: str, of: type) -> Wanted:
 
 @pytest.mark.slow
 def test_types_that_no_other_process_knows_are_compiled_here(importable: ModuleType) -> None:
-    """Of a script, which is another program there, and of a function, which cannot be told."""
+    """Of a script, which is another program there, and of a function, which cannot be told.
+
+    The process that compiles for the script ends with it, however that ends. It imports the kernels, which
+    make it wait for long.
+    """
+    idle = "\nfrom softsim_core.kernels import compile_process\ncompile_process.IDLE_S = 10.0 * 60.0\n"
+    assert importable.__file__ is not None
+    Path(importable.__file__).write_text(SOURCE + idle)
     code = (
+        "import os, signal\n"
         "from typing import NamedTuple\n"
         "import numpy as np\n"
         "import kernels_there\n"
-        "from softsim_core.kernels.compile_process import compile_process\n"
         "class Pair(NamedTuple):\n"
         "    one: float\n"
         "    other: float\n"
@@ -134,38 +131,16 @@ def test_types_that_no_other_process_knows_are_compiled_here(importable: ModuleT
         "print(kernels_there.first(Pair(3.0, 2.0)), kernels_there.first(local()))\n"
         "print(sum(kernels_there.first.for_python.stats.cache_misses.values()))\n"
         "kernels_there.twice(np.ones(2))\n"
-        "print(sum(kernels_there.twice.for_python.stats.cache_misses.values()))\n"
+        "print(sum(kernels_there.twice.for_python.stats.cache_misses.values()), flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    run = subprocess.run(
+    run = subprocess.run(  # to the end of its errors, which are the other process's, too
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
     )
     assert run.stdout.split() == ["3.0", "4.0", "2", "0"], run.stderr
     assert run.stderr == ""
-
-
-@pytest.mark.slow
-def test_a_process_that_compiles_ends_with_the_one_that_asked(importable: ModuleType) -> None:
-    """However that ends; the one that compiles imports the kernels, and would go on for long after them."""
-    idle = "\nfrom softsim_core.kernels import compile_process\ncompile_process.IDLE_S = 10.0 * 60.0\n"
-    assert importable.__file__ is not None
-    Path(importable.__file__).write_text(SOURCE + idle)
-    code = (
-        "import os, signal\n"
-        "import numpy as np\n"
-        "import kernels_there\n"
-        "kernels_there.twice(np.ones(2))\n"
-        "print('compiled', flush=True)\n"
-        "os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(
-        [sys.executable, "-c", code], env=environment, stdout=PIPE, stderr=PIPE, text=True
-    ) as asks:
-        assert asks.stdout is not None
-        assert asks.stdout.readline() == "compiled\n"
-        asks.communicate(timeout=DEADLINE_S)  # to the end of its errors, which are the other's, too
-    assert asks.returncode == -signal.SIGKILL
+    assert run.returncode == -signal.SIGKILL
 
 
 def test_where_nothing_is_kept_it_is_tried_once(
