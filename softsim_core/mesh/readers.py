@@ -25,6 +25,7 @@ from softsim_core.mesh.placement import PlacementLike, place
 from softsim_core.mesh.splitting import FACES, split_cells
 from softsim_core.mesh.surface import boundary
 from softsim_core.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.mesh.vtu import read_vtu
 
 _MESHIO_MODULES = {
     ".vtk": "vtk",
@@ -229,7 +230,7 @@ def _read(file: Path) -> _Contents:
         return _gmsh(*parse_gmsh(data, file))
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
         raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
-    contents = _read_with_meshio(file, _MESHIO_MODULES[suffix])
+    contents = _read_with_meshio(file, _MESHIO_MODULES[suffix], data)
     _refuse_cut_off(data, suffix, contents.cells, file)
     return contents
 
@@ -276,7 +277,7 @@ def _one_error(file: Path) -> Iterator[None]:
         raise MeshError(file, what) from error
 
 
-def _read_with_meshio(file: Path, module: str) -> _Contents:
+def _read_with_meshio(file: Path, module: str, data: bytes) -> _Contents:
     # The format's own reader, not meshio.read: that one prints, and ends the process with sys.exit on a
     # damaged file. Readers print warnings about fields we do not use; NumPy warns where text data end early,
     # which is an error here.
@@ -285,7 +286,7 @@ def _read_with_meshio(file: Path, module: str) -> _Contents:
     with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", message="string or file could not be read to its end")
-        mesh = reader.read(str(file))
+        mesh = read_vtu(file, data) if module == "vtu" else reader.read(str(file))
     cells: _Cells = {}
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))

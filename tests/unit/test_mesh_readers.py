@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import lzma
 import subprocess
 import sys
+import tracemalloc
 import warnings
+import zlib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -69,6 +74,9 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
         ("box.vtk", {"file_format": "vtk51", "binary": True}),
         ("box.vtu", {"binary": False}),
         ("box.vtu", {"binary": True}),
+        ("box.vtu", {"binary": True, "compression": "lzma"}),
+        ("box.vtu", {"binary": True, "compression": None}),
+        ("box.vtu", {"binary": True, "header_type": "UInt64"}),
         ("box.msh", {"file_format": "gmsh"}),
         ("box.msh", {"file_format": "gmsh22", "binary": False}),
         ("box.inp", {}),
@@ -86,6 +94,40 @@ def test_tetrahedra_survive_every_format(tmp_path: Path, box: TetMesh, name: str
         assert array.dtype.isnative
         assert array.flags.c_contiguous
     assert mesh.name == str(tmp_path / name)
+
+
+def packed_zeros(megabytes: int, compress: Callable[[bytes], bytes]) -> str:
+    """A compressed array of a VTU file: one block of a mebibyte of zeros, so many times."""
+    block = compress(bytes(1 << 20))
+    header = np.array([megabytes, 1 << 20, 0, *[len(block)] * megabytes], dtype=np.uint32)
+    return (base64.b64encode(header.tobytes()) + base64.b64encode(megabytes * block)).decode()
+
+
+@pytest.mark.parametrize("declared", [8, 25_000_000, 10**17], ids=["few", "as many as there are", "too many"])
+@pytest.mark.parametrize(
+    ("compressor", "compress"), [("ZLib", zlib.compress), ("LZMA", lzma.compress)], ids=["zlib", "lzma"]
+)
+def test_a_small_file_that_unpacks_to_much_is_refused_before_it_has(
+    tmp_path: Path, compressor: str, compress: Callable[[bytes], bytes], declared: int
+) -> None:
+    """572 MiB of points in less than a megabyte, whatever the header says of their number."""
+    file = written(
+        tmp_path,
+        "large.vtu",
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian" '
+        f'compressor="vtk{compressor}DataCompressor"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="{declared}" NumberOfCells="1"><Points><DataArray type="Float64" '
+        f'Name="Points" NumberOfComponents="3" format="binary">{packed_zeros(572, compress)}</DataArray>'
+        "</Points></Piece></UnstructuredGrid></VTKFile>",
+    )
+    assert file.stat().st_size < 1_000_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshError, match=r"holds compressed arrays of more than [\d,]+ bytes"):
+            read_tets(file)
+        assert tracemalloc.get_traced_memory()[1] < 350 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_own_vtk_is_lossless(tmp_path: Path, box: TetMesh) -> None:
