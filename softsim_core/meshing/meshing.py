@@ -24,6 +24,8 @@ from softsim_core.meshing.sizing import TOLERANCE, Sized, with_nodes
 
 NODES = 1000
 """Wished number of nodes where neither size nor number is said."""
+NEAR_ENOUGH = 0.3
+"""Share of it by which a mesh may miss it then; a number that is given is met within sizing.TOLERANCE."""
 DEVIATION = 1.0e-3
 """How far the mesh may deviate from the surface, of the part's diagonal, where nothing else is said."""
 _FAR = 3.0
@@ -157,11 +159,12 @@ def _sized(
     if options.size is not None:
         return Sized(one(options.size), options.size, 1)
     wished, longest = options.nodes or NODES, _LONGEST * _diagonal(source)
-    sized = with_nodes(one, source.volume, longest, wished)
-    if len(sized.mesh.points) <= (1.0 + TOLERANCE) * wished:
+    tolerance = TOLERANCE if options.nodes else NEAR_ENOUGH
+    sized = with_nodes(one, source.volume, longest, wished, tolerance)
+    if len(sized.mesh.points) <= (1.0 + tolerance) * wished:
         return sized
     try:
-        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished)
+        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished, tolerance)
     except MeshError as error:
         progress(f"that was in vain ({error}): taking the best so far")
         return sized

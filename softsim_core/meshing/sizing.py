@@ -31,8 +31,10 @@ class Sized(NamedTuple):
     tries: int
 
 
-def with_nodes(fill: Callable[[float], TetMesh], volume: float, longest: float, nodes: int) -> Sized:
-    """The mesh nearest to a wished number of nodes, within TOLERANCE of it or after MOST_TRIES.
+def with_nodes(
+    fill: Callable[[float], TetMesh], volume: float, longest: float, nodes: int, tolerance: float = TOLERANCE
+) -> Sized:
+    """The mesh nearest to a wished number of nodes, within a tolerance of it or after MOST_TRIES.
 
     A try that fails ends the search; meshes that were made before it are not lost.
 
@@ -41,6 +43,7 @@ def with_nodes(fill: Callable[[float], TetMesh], volume: float, longest: float, 
         volume: Of the part in [m^3].
         longest: Longest edges in [m] that are tried: a curved surface needs its nodes, however long they are.
         nodes: Wished number of nodes, those on edges of quadratic cells included.
+        tolerance: Share of that number by which the mesh may miss it.
 
     Raises:
         MeshError: the number is less than 4, or the mesher fails at the first try.
@@ -57,7 +60,7 @@ def with_nodes(fill: Callable[[float], TetMesh], volume: float, longest: float, 
                 raise
             break
         count = len(found[-1][1].points)
-        if abs(count / nodes - 1.0) <= TOLERANCE or (count > nodes and edge >= longest):
+        if abs(count / nodes - 1.0) <= tolerance or (count > nodes and edge >= longest):
             break
         if count > nodes and _stuck(found):
             break

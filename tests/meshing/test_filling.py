@@ -25,7 +25,14 @@ from part_surfaces import (
 )
 
 from softsim_core.errors import MeshError
-from softsim_core.mesh import TetMesh, box_mesh, read_tets, write_tets
+from softsim_core.mesh import (
+    TetMesh,
+    boundary_surface,
+    box_mesh,
+    read_tets,
+    write_surface,
+    write_tets,
+)
 from softsim_core.mesh.checks import tet_volumes
 from softsim_core.mesh.faces import cavities
 from softsim_core.mesh.types import SurfaceMesh
@@ -272,6 +279,24 @@ def test_the_search_for_a_size_ends_near_it(walls: float, inner: float, nodes: i
     sized = with_nodes(fill, 1e-3, 1.0, nodes)
     assert len(sized.mesh.points) == pytest.approx(nodes, rel=0.15)
     assert sized.tries <= 6
+
+
+@pytest.mark.parametrize(("nodes", "fills"), [(None, 1), (1000, 2)])
+def test_a_number_of_nodes_that_nobody_asked_for_is_met_roughly(
+    tmp_path: Path, nodes: int | None, fills: int
+) -> None:
+    """The first mesh has 729 nodes: near enough to the default of 1000, not to a wish of 1000."""
+    cells: list[int] = []
+
+    def fill(surface: SurfaceMesh, edge: float, how: Filling) -> TetMesh:
+        cells.append(9 if cells else 8)
+        return box_mesh((0.1, 0.1, 0.1), (cells[-1],) * 3, (0.0, 0.0, 0.0))
+
+    write_surface(tmp_path / "cube.stl", boundary_surface(fill(SURFACE, 0.0, Filling())))
+    cells.clear()
+    made = mesh_part(tmp_path / "cube.stl", MeshingOptions(nodes=nodes, unit="m"), fill=fill)
+    assert len(cells) == fills
+    assert len(made.mesh.points) == (729 if nodes is None else 1000)
 
 
 def test_a_size_that_cannot_be_had_gives_the_nearest() -> None:
