@@ -12,7 +12,7 @@ import numpy as np
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.detection import Detector, Proximities, false_closing
 from softsim_core.contact.rows import Carried
-from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.mechanics.carrier import Carrier
 from softsim_core.mechanics.model import Model, MotionSubspace
@@ -98,7 +98,7 @@ class CollisionModel:
 
     Args:
         surfaces: The surfaces, over one array of vertices.
-        settings: Distances and friction.
+        settings: Distances and tolerance.
         nodes, weights: Nodes that carry each vertex, and weights; zeros where a carrier does, (v, 4) each.
         carriers: What carries the other vertices.
         model: The model they belong to.
@@ -117,7 +117,7 @@ class CollisionModel:
     def __init__(
         self,
         surfaces: tuple[CollisionSurface, ...],
-        settings: ContactSettings,
+        settings: ContactLimits,
         nodes: IndexArray,
         weights: Array,
         carriers: tuple[VertexCarrier, ...],

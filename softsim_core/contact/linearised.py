@@ -10,7 +10,7 @@ from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.contact.collision_model import CollisionModel, Place
 from softsim_core.contact.detection import Proximities
 from softsim_core.contact.rows import CORNERS, NODES, Motions, contact_frames, contact_rows
-from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.mechanics.model import MotionSubspace
 from softsim_core.mechanics.pose import cross_matrix
 from softsim_core.mechanics.rows import Rows
@@ -49,7 +49,7 @@ class LinearisedContacts:
     points: Array
     friction: Array
     keys: Array
-    settings: ContactSettings
+    settings: ContactLimits
 
     def __len__(self) -> int:
         return len(self.keys)

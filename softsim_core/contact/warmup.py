@@ -20,7 +20,7 @@ def warm_up_contact() -> None:
     balls = tuple(
         CollisionSurface(name="ball", vertices=slice(6 + k, 7 + k), owner=2 + k, radius=0.9) for k in range(2)
     )
-    detector = Detector((low, high, *balls), points, ContactSettings())
+    detector = Detector((low, high, *balls), points, ContactSettings().limits())
     near = detector.detect(points, 1.5)
     detector.edges_again(near.key, points)
     detector.free_share(points, points, np.ones(len(detector.pairs), dtype=np.bool_))

@@ -178,7 +178,7 @@ def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
         "flex",
         name=body.name,
         dim="3",
-        radius=words([max(draft.scene.contact.contact_distance, _THIN_M)]),
+        radius=words([max(draft.built.contact.contact_distance, _THIN_M)]),
         rgba=words(description.colour),
         body=" ".join(owners),
         vertex=words(local),

@@ -10,6 +10,7 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.arrays import Array, IndexArray
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.dynamics.substeps import torn_by_rough_steps
 from softsim_core.errors import SceneError
 from softsim_core.fem.cells import takes_found_stress
@@ -51,6 +52,7 @@ from softsim_core.mesh.rods import RodMesh, node_triangles, rod_surface
 from softsim_core.scene.actuator_builder import actuators
 from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.body import Body
+from softsim_core.scene.contact_builder import contact_limits
 from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
@@ -76,6 +78,7 @@ class BuiltScene:
     bodies: tuple[Body, ...]
     rigid: tuple[RigidBody, ...]
     actuators: Actuators
+    contact: ContactLimits
 
 
 def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()) -> BuiltScene:
@@ -126,7 +129,7 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
         rayleigh_stiffness=scene.solver.rayleigh_stiffness,
         rayleigh_mass=scene.solver.rayleigh_mass,
     )
-    return BuiltScene(model, parameters, bodies, rigid, acting)
+    return BuiltScene(model, parameters, bodies, rigid, acting, contact_limits(scene, bodies, rigid))
 
 
 def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> dict[str, tuple[int, ...]]:

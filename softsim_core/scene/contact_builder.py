@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+import math
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.collision_model import CollisionModel, VertexCarrier
 from softsim_core.contact.overlap import TOUCH, first_overlap
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
 from softsim_core.mechanics.model import FREE, Model
@@ -23,11 +26,25 @@ from softsim_core.scene.regions import nodes_in
 from softsim_core.scene.rigid_builder import RigidBody
 from softsim_core.wrong_names import known_names
 
+_DIRECTIONS = 256
+"""Directions at most in which the width of a body is measured."""
+
 
 def contacts(
-    scene: SceneDescription, model: Model, bodies: tuple[Body, ...], rigid: tuple[RigidBody, ...]
+    scene: SceneDescription,
+    limits: ContactLimits,
+    model: Model,
+    bodies: tuple[Body, ...],
+    rigid: tuple[RigidBody, ...],
 ) -> CollisionModel | None:
     """The collision surfaces of a scene, or None where no two can meet.
+
+    Args:
+        scene: As it is described.
+        limits: Its contact distances and tolerance.
+        model: Compiled from it.
+        bodies: Its deformable bodies.
+        rigid: Its rigid bodies.
 
     Raises:
         SceneError: a surface cannot be used, or two overlap at the start.
@@ -85,7 +102,7 @@ def contacts(
         return None
     result = CollisionModel(
         tuple(surfaces),
-        scene.contact,
+        limits,
         np.concatenate(nodes),
         np.concatenate(weights),
         tuple(carriers),
@@ -95,6 +112,41 @@ def contacts(
     )
     need_apart(result, model.rest_state(), scene, "at the start")
     return result
+
+
+def contact_limits(
+    scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
+) -> ContactLimits:
+    """Return the contact distances and tolerance of a scene, defaults related to its thinnest moving body."""
+    settings = scene.contact
+    if None not in (settings.alarm_distance, settings.contact_distance, settings.tolerance):
+        return settings.limits()
+    return settings.limits(min(thicknesses(scene, bodies, rigid).values(), default=math.inf))
+
+
+def thicknesses(
+    scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
+) -> dict[str, float]:
+    """Return the least width in [m] of each body that may touch others, by name.
+
+    Left out are rigid bodies that the world carries, such as a floor, and flat ones.
+    """
+    touching = {each.body for each in scene.collisions}
+    widths = {each.name: _least_width(each.outside.points) for each in bodies if each.name in touching}
+    for each in rigid:
+        if each.name in touching and (each.on != "world" or each.free >= 0):
+            widths[each.name] = 2.0 * each.radius or _least_width(each.surface.points)
+    return {name: width for name, width in widths.items() if width > 0.0}
+
+
+def _least_width(points: Array) -> float:
+    """Least width of points (n, 3) across a face of their convex hull; 0 where they lie in a plane."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return 0.0
+    normals = hull.equations[:: 1 + len(hull.equations) // _DIRECTIONS, :3]
+    return float(np.ptp(points[hull.vertices] @ normals.T, axis=0).min())
 
 
 def _friction(scene: SceneDescription) -> Array:
@@ -205,7 +257,7 @@ def need_apart(
     Args:
         contacts: The scene's surfaces.
         state: Where they are.
-        scene: Its name and alarm distance count.
+        scene: Its name counts.
         when: For the message, such as "at the start".
         owners: Numbers of bodies, one of which must overlap; None: any.
 
@@ -213,7 +265,7 @@ def need_apart(
         SceneError: two do.
     """
     points, surfaces = contacts.points(state), contacts.surfaces
-    near = contacts.near(points, scene.contact.alarm_distance)
+    near = contacts.near(points, contacts.settings.alarm_distance)
     distance = near.distance
     if owners is not None:
         asked = [any(surfaces[number].owner in owners for number in pair) for pair in near.pair.tolist()]

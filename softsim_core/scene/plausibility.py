@@ -9,6 +9,7 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.fem.group import ElementGroup
 from softsim_core.scene.body import Body
+from softsim_core.scene.contact_builder import thicknesses
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.rigid_builder import RigidBody
 
@@ -20,6 +21,9 @@ DENSITIES = (50.0, 25_000.0)
 
 MODULI = (100.0, 1e12)
 """Moduli that are not warned of, in [Pa]: from the softest gels to diamond."""
+
+ROUNDED = 1.001
+"""A distance may exceed a thickness by this factor: that of a round body is measured on its facets."""
 
 
 def implausible(
@@ -46,6 +50,7 @@ def implausible(
         *(message for owner, points in found for message in _size(owner, points)),
         *_densities(scene, bodies, groups),
         *_moduli(scene),
+        *_contact_distances(scene, bodies, rigid),
     ]
 
 
@@ -102,3 +107,25 @@ def _moduli(scene: SceneDescription) -> list[str]:
             continue
         messages.append(f"body {owner}: {name} is {value:.4g} Pa; moduli are in Pa. {slip}")
     return messages
+
+
+def _contact_distances(
+    scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
+) -> list[str]:
+    """Distances that the scene names and that are larger than a body is thick: defaults never are."""
+    settings = scene.contact
+    named = {name: getattr(settings, name) for name in ("alarm_distance", "contact_distance")}
+    given = {name: value for name, value in named.items() if value is not None}
+    if not given:
+        return []
+    widths = thicknesses(scene, bodies, rigid)
+    if not widths:
+        return []
+    thinnest = min(widths, key=lambda each: widths[each])
+    width = widths[thinnest]
+    return [
+        f"contact: {name} is {1e3 * value:.3g} mm, more than the thickness of body {thinnest}, "
+        f"{1e3 * width:.3g} mm; give a smaller one, or leave it out: the default fits the thinnest body"
+        for name, value in given.items()
+        if value > ROUNDED * width
+    ]

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from softsim_core.actuation.actuator import ActuatorView
 from softsim_core.arrays import Array, IndexArray, float_array
 from softsim_core.contact.collision_model import CollisionModel
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.dynamics import Backend
 from softsim_core.dynamics.actuator_statics import command_gains, condensed, reduced_stiffness
@@ -76,7 +77,7 @@ class SceneState:
         self._backend = backend or scene.solver.backend
         self._contacts: CollisionModel | None = None if twin is None else twin._contacts
         if self._contacts is None:
-            self._contacts = contacts(scene, self.model, self.bodies, self.rigid_bodies)
+            self._contacts = contacts(scene, built.contact, self.model, self.bodies, self.rigid_bodies)
         else:
             self._contacts = self._contacts.of_another_copy()
         self._sensors = sensors(scene, built, self._contacts)
@@ -150,7 +151,9 @@ class SceneState:
     def _part_stepper(self, dt: float) -> Stepper:
         """The scene's step with another dt in [s]."""
         model = replace(self.model, dt=dt)
-        return self._stepper_of(model, contacts(self.scene, model, self.bodies, self.rigid_bodies))
+        return self._stepper_of(
+            model, contacts(self.scene, self._built.contact, model, self.bodies, self.rigid_bodies)
+        )
 
     def _rest_state(self) -> State:
         """The state at which the scene is built: at rest but for the velocities of its bodies."""
@@ -415,6 +418,11 @@ class SceneState:
     def contacts(self) -> ContactReport:
         """What touched in the last step."""
         return self._report.contacts
+
+    @property
+    def contact_limits(self) -> ContactLimits:
+        """Contact distances and tolerance, defaults included."""
+        return self._built.contact
 
     @property
     def collision_surfaces(self) -> tuple[CollisionSurface, ...]:

@@ -315,7 +315,9 @@ class PhysicsThread:
             self._commanded.follow(simulation)
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
-            self._contacts = self._contacts.with_step(simulation.contacts, simulation.scene.contact.tolerance)
+            self._contacts = self._contacts.with_step(
+                simulation.contacts, simulation.contact_limits.tolerance
+            )
             self._fallbacks = self._fallbacks.with_step(simulation.report)
             self.history.add(simulation.step_count, simulation.time, stages)
 

@@ -42,7 +42,7 @@ def detect(*bodies: tuple[np.ndarray, np.ndarray | float]) -> Proximities:
             surfaces.append(dataclasses.replace(surface, radius=0.0, triangles=shape + first))
         first += len(points)
     points = np.concatenate([each for each, _ in bodies])
-    return Detector(tuple(surfaces), points, ContactSettings()).detect(points, REACH)
+    return Detector(tuple(surfaces), points, ContactSettings().limits()).detect(points, REACH)
 
 
 def direction(random: np.random.Generator) -> np.ndarray:

@@ -35,7 +35,7 @@ def pair(first: np.ndarray, second: np.ndarray, cells: tuple[int, int, int]) -> 
             CollisionSurface(name="b", vertices=slice(n, 2 * n), triangles=triangles + n, owner=1),
         ),
         np.concatenate([first, second]),
-        ContactSettings(),
+        ContactSettings().limits(),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from softsim_core.contact import CollisionSurface, Detector
 from softsim_core.contact.settings import ContactSettings
 
-SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001)
+SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001).limits()
 TOP = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0]])
 """A triangle that faces up."""
 TENT = np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, -0.01], [0.0, -0.01, -0.01]])

@@ -10,6 +10,7 @@ import pytest
 from small_scenes import scene
 
 from softsim_core import load_scene
+from softsim_core.contact.settings import ContactSettings
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
 from softsim_core.mesh.writers import write_tets
@@ -17,8 +18,9 @@ from softsim_core.scene.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import RigidBodyDescription
+from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.rod import RodDescription, RodSectionDescription
+from softsim_core.values import Placement
 
 SILICONE = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
 
@@ -54,6 +56,52 @@ def test_a_slip_of_units_is_named(made: BodyDescription, message: str) -> None:
     assert len(told(scene(made))) == 1
     with pytest.warns(UserWarning, match=message):
         build(scene(made))
+
+
+def sheet(thickness: float, contact: ContactSettings) -> SceneDescription:
+    mesh = box_mesh(
+        (0.02, 0.02, thickness), (8, 8, max(1, round(thickness / 0.0025))), (0.0, 0.0, 0.0), "sheet"
+    )
+    body = BodyDescription(name="sheet", mesh=mesh, material=SILICONE, density=1070.0)
+    floor = RigidBodyDescription(
+        name="floor", shape=Shape(box=(1.0, 1.0, 0.001)), pose=Placement(translation=(0.0, 0.0, -0.1))
+    )
+    collisions = tuple(CollisionDescription(name=name, body=name) for name in ("sheet", "floor"))
+    return replace(scene(body), name="sheets", rigid_bodies=(floor,), collisions=collisions, contact=contact)
+
+
+def test_contact_distances_above_a_thickness_are_named() -> None:
+    large = ContactSettings(alarm_distance=0.004, contact_distance=0.001)
+    assert told(sheet(0.005, large)) == []
+    assert [each.split(";")[0] for each in told(sheet(0.0008, large))] == [
+        "contact: alarm_distance is 4 mm, more than the thickness of body sheet, 0.8 mm",
+        "contact: contact_distance is 1 mm, more than the thickness of body sheet, 0.8 mm",
+    ]
+
+
+@pytest.mark.parametrize(("thickness", "alarm"), [(0.02, 0.004), (0.004, 0.004), (0.0008, 0.0008)])
+def test_default_contact_distances_fit_the_thinnest_body(thickness: float, alarm: float) -> None:
+    made = sheet(thickness, ContactSettings())
+    assert told(made) == []
+    limits = build(made).contact
+    assert limits.alarm_distance == pytest.approx(alarm)
+    assert limits.contact_distance == pytest.approx(alarm / 4)
+    assert limits.tolerance == pytest.approx(1e-8 * alarm / 0.004)
+
+
+@pytest.mark.parametrize(
+    ("given", "alarm", "gap"),
+    [
+        (ContactSettings(alarm_distance=0.0005), 0.0005, 0.000125),
+        (ContactSettings(contact_distance=0.002), 0.004, 0.002),
+        (ContactSettings(contact_distance=0.01), 0.04, 0.01),
+        (ContactSettings(alarm_distance=0.003, contact_distance=0.0), 0.003, 0.0),
+    ],
+)
+def test_a_default_contact_distance_fits_the_one_given(
+    given: ContactSettings, alarm: float, gap: float
+) -> None:
+    assert given.limits()[:2] == (alarm, gap)
 
 
 def test_plausible_values_are_not_warned_of() -> None:

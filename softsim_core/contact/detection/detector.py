@@ -13,7 +13,7 @@ from softsim_core.contact.detection.known_edges import KnownEdges, meet_known_ed
 from softsim_core.contact.detection.passage import Way, free_share
 from softsim_core.contact.detection.search import sweep
 from softsim_core.contact.detection.topology import build_topology
-from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.errors import DetectionOverflowError
 from softsim_core.kernels import OneSignature
@@ -91,7 +91,7 @@ class Detector:
     """
 
     def __init__(
-        self, surfaces: tuple[CollisionSurface, ...], rest_points: Array, settings: ContactSettings
+        self, surfaces: tuple[CollisionSurface, ...], rest_points: Array, settings: ContactLimits
     ) -> None:
         self.surfaces = surfaces
         self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)

@@ -43,8 +43,9 @@ from softsim_core.linalg.symbolic import Plan
 from softsim_core.mechanics.model import Model
 from softsim_core.mechanics.rows import Rows
 
-TOLERANCE = 1e-8
-"""Largest error in [m] of how far a step moves a node."""
+TOLERANCE, TOLERANCE_SHARE = 1e-8, 2e-7
+"""Largest error of how far a step moves a node: so much in [m], or this share of the model's extent where
+that is less."""
 
 REDUCED_SHARE = 1e-7
 """Largest error of what frames, joints and actuators do to the free nodes, by the largest that they do."""
@@ -116,6 +117,8 @@ class IterativeElimination:
         self._solve = Teamwork(threads, conjugate_gradients, support_gradients)
         self._threads = threads
         self._forward = OneSignature(forward_rows)
+        extent = float(np.ptp(model.rest, axis=0).max())
+        self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # of velocities, in [m/s]
         self.iterations = 0
 
     def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
@@ -143,7 +146,7 @@ class IterativeElimination:
         self._assemble(*assembling(arguments))
         assembled = perf_counter()
         self._turn(positions, self._around, self.by.rotations)
-        self._eliminate(TOLERANCE / self.model.dt)
+        self._eliminate(self.tolerance)
         iterated = perf_counter()
         speed = self._finish(*finishing(arguments, self.answer.tree, self.answering.work))
         inverted = count_inverted(positions, corners)
@@ -274,7 +277,7 @@ class IterativeResponses(Responses):
         """See Responses: the answer itself, in one column."""
         right = np.zeros(3 * self._elimination.count)
         right[self._unknowns] = self._touching @ impulses
-        answer = self._elimination.solve(right, TOLERANCE / self.model.dt)
+        answer = self._elimination.solve(right, self._elimination.tolerance)
         self.defect = self._touching.T @ answer[self._unknowns] - self._compliance @ impulses
         column = np.zeros((len(self.prepared.work.factor.solution), LANES))
         column[: len(answer), 0] = answer
