@@ -72,12 +72,16 @@ class TerminalSession:
 
     def _read(self) -> None:
         while not self._closed.is_set():
-            if select.select([self._master], [], [], 0.05)[0]:
-                try:
-                    data = os.read(self._master, 65536)
-                except OSError:
-                    return
-                self.output += data.decode("utf-8", "replace")
+            if select.select([self._master], [], [], 0.05)[0] and not self._take():
+                return
+
+    def _take(self) -> bool:
+        """Read what is there; False where the other end is closed."""
+        try:
+            self.output += os.read(self._master, 65536).decode("utf-8", "replace")
+        except OSError:
+            return False
+        return True
 
     @property
     def text(self) -> str:
@@ -131,7 +135,10 @@ class TerminalSession:
     def wait(self) -> int:
         """Wait for the program's end; returns its exit code (negative: killed by that signal)."""
         code = self.process.wait(BUILD_S)
-        self._closed.wait(0.1)  # the last output is on its way
+        self._closed.set()
+        self._reader.join()
+        while self._master >= 0 and select.select([self._master], [], [], 0.0)[0] and self._take():
+            """The last output was on its way."""
         return code
 
     def __enter__(self) -> TerminalSession:

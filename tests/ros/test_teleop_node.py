@@ -8,8 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -93,17 +92,30 @@ def running_robot(namespace: str = "tripod", joints: list[str] = JOINTS) -> Iter
         context.try_shutdown()
 
 
-@pytest.fixture
-def robot() -> Iterator[Robot]:
-    with running_robot() as peer:
-        yield peer
-
-
-@pytest.fixture
-def teleop(robot: Robot) -> Iterator[TerminalSession]:
-    with TerminalSession(TELEOP) as session:
+@pytest.fixture(scope="module")
+def running(ros_domain: int) -> Iterator[tuple[Robot, TerminalSession]]:
+    """One robot and one teleop for the tests of the module; Ctrl+C ends it."""
+    with running_robot() as peer, TerminalSession(TELEOP) as session:
         session.wait_for("simulator: running")
-        yield session
+        yield peer, session
+        session.type(b"\x03")
+        quits_cleanly(session)
+
+
+@pytest.fixture
+def robot(running: tuple[Robot, TerminalSession]) -> Robot:
+    """The robot at its start, as the teleop shows it."""
+    peer, session = running
+    peer.joints, peer.positions = JOINTS, list(START)
+    session.wait_for("simulator: running")
+    assert session.wait_until(lambda: all(f"{each:.4f}" in session.screen for each in START)), session.screen
+    peer.received.clear()
+    return peer
+
+
+@pytest.fixture
+def teleop(running: tuple[Robot, TerminalSession]) -> TerminalSession:
+    return running[1]
 
 
 def with_repository() -> dict[str, str]:
@@ -145,8 +157,6 @@ def test_typed_keys_become_commands(robot: Robot, teleop: TerminalSession) -> No
     teleop.type(b"\x1a")  # Ctrl+Z
     assert robot.wait_for_commands(len(STEPS) + 2)[-1] == pytest.approx([-3.14 / 4] * 3)
     assert len(robot.received) == len(STEPS) + 2
-    teleop.type(b"\x03")
-    quits_cleanly(teleop)
 
 
 @pytest.mark.slow
@@ -156,47 +166,18 @@ def test_unknown_sequences_move_nothing(robot: Robot, teleop: TerminalSession) -
     assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
     teleop.wait_for("> pose mid")
     assert len(robot.received) == 1
-    teleop.type(b"x")
-    quits_cleanly(teleop)
 
 
 @pytest.mark.slow
-def test_a_held_key_is_rate_limited(robot: Robot, teleop: TerminalSession) -> None:
-    begin = time.monotonic()
-    while time.monotonic() < begin + 1.0:
-        teleop.type(b"\x1b[B")
-        threading.Event().wait(0.02)
-    robot.wait_for_commands(5)
-    assert len(robot.received) <= 12
-    steps = [before[0] - after[0] for before, after in zip(robot.received, robot.received[1:], strict=False)]
-    assert all(step == pytest.approx(0.1) or step == pytest.approx(0.0) for step in steps)
-    teleop.type(b"x")
-    quits_cleanly(teleop)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_signals_end_it_cleanly(teleop: TerminalSession, number: signal.Signals) -> None:
-    teleop.signal(number)
-    quits_cleanly(teleop)
-
-
-@pytest.mark.slow
-def test_a_closed_window_ends_it(teleop: TerminalSession) -> None:
-    teleop.hang_up()
-    assert teleop.wait() == 0
-
-
-@pytest.mark.slow
-def test_what_is_not_running_is_said() -> None:
-    with TerminalSession(TELEOP) as session:
+def test_what_is_not_running_is_said_and_a_hang_up_ends_it_cleanly() -> None:
+    with TerminalSession([*TELEOP, "--ros-args", "-r", "__ns:=/nobody"]) as session:
         session.wait_for("simulator: no data yet")
         session.wait_for("servo bridge: not running")
         for key, message in (
             (b"q", "> nothing moved: no joint_states received yet"),
-            (b"a", "> simulator is not running (no service /tripod/simulator/start)"),
+            (b"a", "> simulator is not running (no service /nobody/simulator/start)"),
             (b"i", "> inverse control is not running"),
-            (b"b", "> no servo bridge on /tripod/servo_bridge"),
+            (b"b", "> no servo bridge on /nobody/servo_bridge"),
             (b"k", "> k is not bound"),
         ):
             session.type(key)
@@ -206,7 +187,7 @@ def test_what_is_not_running_is_said() -> None:
         session.resize(40, 6)
         assert session.wait_until(lambda: all(len(line) <= 40 for line in session.screen.split("\r\n")))
         assert "servo_2" in session.screen
-        session.type(b"x")
+        session.signal(signal.SIGHUP)
         quits_cleanly(session)
 
 
@@ -221,7 +202,7 @@ def test_data_that_stops_is_seen(teleop: TerminalSession, robot: Robot) -> None:
 
 
 @pytest.mark.slow
-def test_another_namespace_by_remapping() -> None:
+def test_another_namespace_by_remapping_and_a_closed_window_ends_it() -> None:
     with (
         running_robot("left_hand") as robot,
         TerminalSession([*TELEOP, "--ros-args", "-r", "__ns:=/left_hand"]) as session,
@@ -230,10 +211,12 @@ def test_another_namespace_by_remapping() -> None:
         session.wait_for("simulator: running")
         session.type(b"q")
         assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
+        session.hang_up()
+        assert session.wait() == 0
 
 
 @pytest.mark.slow
-def test_another_robot_by_its_file(tmp_path: Path) -> None:
+def test_another_robot_by_its_file_and_a_signal_ends_it_cleanly(tmp_path: Path) -> None:
     file = tmp_path / "pusher.yaml"
     file.write_text(
         "name: pusher\n"
@@ -249,7 +232,7 @@ def test_another_robot_by_its_file(tmp_path: Path) -> None:
             session.type(b"\x1b[A")
             assert robot.wait_for_commands(1)[0] == pytest.approx((0.003,))
             session.wait_for("> rail to 0.0030 m (3.0 mm)")
-            session.type(b"x")
+            session.signal(signal.SIGTERM)
             quits_cleanly(session)
 
 
@@ -289,17 +272,17 @@ def test_the_servo_bridge_is_started_and_stopped(
             bridge.kill()
             bridge.wait()
             output.close()
-    teleop.type(b"x")
-    quits_cleanly(teleop)
 
 
 @pytest.mark.slow
-def test_a_bare_robot_is_driven_from_what_its_bridge_applied(tmp_path: Path) -> None:
-    port = tmp_path / "board"
+def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_ends_it_cleanly(
+    tmp_path: Path,
+) -> None:
+    port, space = tmp_path / "board", ["--ros-args", "-r", "__ns:=/bare"]
     bridge_arguments = ["-p", f"port:={port}", "-p", "open_wait_s:=0.0", "-p", "source:=commands"]
     with VirtualBoard(link=port) as board, (tmp_path / "bridge.txt").open("wb") as output:
         bridge = subprocess.Popen(
-            [sys.executable, "-m", "servo_bridge.bridge_node", "--ros-args", *bridge_arguments],
+            [sys.executable, "-m", "servo_bridge.bridge_node", *space, *bridge_arguments],
             cwd=REPOSITORY,
             stdin=subprocess.DEVNULL,
             stdout=output,
@@ -308,7 +291,7 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied(tmp_path: Path) -> 
             start_new_session=True,
         )
         try:
-            with TerminalSession(TELEOP) as session:
+            with TerminalSession([*TELEOP, *space]) as session:
                 session.wait_for("servo bridge: init")
                 session.type(b"b")
                 session.wait_for("servo bridge: comm")
@@ -321,7 +304,7 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied(tmp_path: Path) -> 
                 assert board.servo_bytes == (119, 119, 119)
                 session.type(b"\x1b[A")
                 assert board.wait_for(lambda b: b.servo_bytes[0] == 124)
-                session.type(b"x")
+                session.signal(signal.SIGINT)
                 quits_cleanly(session)
         finally:
             bridge.kill()
@@ -343,25 +326,17 @@ REFUSALS: list[tuple[list[str], str]] = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "wanted"), REFUSALS)
-def test_refusals_are_one_sentence(arguments: list[str], wanted: str) -> None:
-    result = subprocess.run(
-        [*TELEOP, *arguments],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        cwd=REPOSITORY,
-        env=with_repository(),
-        timeout=DEADLINE_S,
-        start_new_session=True,
-    )
-    assert result.returncode == 1
-    assert "Traceback" not in result.stderr
-    said = [line for line in result.stderr.splitlines() if "reached by" not in line]
-    assert len(said) == 1, result.stderr
-    assert wanted in result.stderr
-
-
-def test_main_takes_a_command_line(capfd: pytest.CaptureFixture[str]) -> None:
-    refuse: Callable[[list[str]], int] = main
-    assert refuse(["--ros-args", "-p", "robot:=no_such_robot"]) == 1
-    assert "no_such_robot" in capfd.readouterr().err
+def test_refusals_are_one_sentence(
+    ros_domain: int,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    wanted: str,
+) -> None:
+    with Path(os.devnull).open() as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        assert main(arguments) == 1
+    written = capfd.readouterr().err
+    said = [line for line in written.splitlines() if "reached by" not in line]
+    assert len(said) == 1, written
+    assert wanted in said[0]
