@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("rosbags")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from node_processes import Client, ProcessGroup, private_ros
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -21,11 +22,12 @@ from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
 from servo_bridge.state_topics import STATE_QOS
+from softsim_ros.cli.app import main
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.recorder_node import Recorder
 from softsim_ros.state_listener import StateListener
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 CLI = "softsim_ros.cli"
 READY_S = 120.0
@@ -71,7 +73,7 @@ def test_everything_of_the_robot_is_in_the_bag(session: tuple[Path, list[bytes]]
     assert seen[f"/tripod/{COMMANDS}"] == 30
     assert seen["/tripod/mesh/topology"] == 1
     assert seen["/tripod/base_shift"] > 1
-    assert seen["/tripod/joint_states"] == pytest.approx(seen["/tripod/effector_pose"], abs=200)
+    assert min(seen["/tripod/joint_states"], seen["/tripod/effector_pose"]) > 30
     assert seen["/tripod/mesh/points"] > 3
     assert seen["/diagnostics"] > 0
     assert seen["/tripod/simulator/paused"] == 1
@@ -96,29 +98,24 @@ def test_the_independent_reader_counts_and_stamps_the_same(session: tuple[Path, 
 
 
 def test_the_commands_are_replayed_byte_for_byte(
-    session: tuple[Path, list[bytes]], start_process: Callable[..., Any], client: Any, spin_until: Any
+    session: tuple[Path, list[bytes]], client: Any, spin_until: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder, sent = session
     heard = client.collect(Float64MultiArray, f"/elsewhere/{COMMANDS}", raw=True)
-    replay = start_process(CLI, "replay", str(folder), "--commands", "--namespace", "elsewhere")
-    assert spin_until(lambda: len(heard) == 30, READY_S), replay.output
+    assert main(["replay", str(folder), "--commands", "--namespace", "elsewhere"]) == 0
+    assert "30 messages sent" in "".join(capfd.readouterr())
+    assert spin_until(lambda: len(heard) == 30, READY_S)
     assert [bytes(each) for each in heard] == sent
-    assert replay.process.wait(READY_S) == 0
-    assert "30 messages sent" in replay.output
 
 
 def test_the_robot_does_again_what_it_did(
-    session: tuple[Path, list[bytes]],
-    running_tripod: Any,
-    start_process: Callable[..., Any],
-    spin_until: Any,
+    session: tuple[Path, list[bytes]], running_tripod: Any, spin_until: Any
 ) -> None:
     """Reset, start animation, commands: the joints end where the recorded ones were told to go."""
     with Bag(session[0]) as bag:
         *_, (_, last) = bag.messages(f"/tripod/{COMMANDS}")
     states = running_tripod.client.collect(JointState, "joint_states")
-    replay = start_process(CLI, "replay", str(session[0]), "--commands", "--reset")
-    assert replay.process.wait(READY_S) == 0, replay.output
+    assert main(["replay", str(session[0]), "--commands", "--reset"]) == 0
     assert spin_until(
         lambda: states and list(states[-1].position) == pytest.approx(list(last.data), abs=1e-3), READY_S
     )
@@ -134,11 +131,10 @@ def latched_shift() -> tuple[Any, str, Any]:
 
 
 def test_a_whole_replay_gives_way_to_a_simulator(
-    session: tuple[Path, list[bytes]], running_tripod: Any, start_process: Callable[..., Any]
+    session: tuple[Path, list[bytes]], running_tripod: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    replay = start_process(CLI, "replay", str(session[0]), "--loop")  # until it has heard the simulator
-    assert replay.process.wait(READY_S) == 1
-    assert "is published by another node; end that one" in replay.output
+    assert main(["replay", str(session[0]), "--loop"]) == 1  # it has heard the simulator
+    assert "is published by another node; end that one" in "".join(capfd.readouterr())
 
 
 def test_a_whole_replay_pauses_loops_and_ends_on_a_signal(
@@ -206,30 +202,38 @@ def test_what_has_come_before_the_end_is_recorded(client: Any, spin_until: Any, 
     "words", [("tripod", "--size-limit", "0.05"), ("--topic", "joint_states", "--time-limit", "1")]
 )
 def test_a_limit_ends_the_recording_of_what_was_named(
-    running_tripod: Any, start_process: Callable[..., Any], tmp_path: Path, words: tuple[str, ...]
+    running_tripod: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
-    recorder = start_process(CLI, "record", "--out", str(tmp_path / "bag"), *words)
-    assert recorder.process.wait(READY_S) == 0
-    assert "is reached" in recorder.output
+    assert main(["record", "--out", str(tmp_path / "bag"), *words]) == 0
+    assert "is reached" in "".join(capfd.readouterr())
     seen = counts(tmp_path / "bag")
     assert seen["/tripod/joint_states"] > 0
     assert list(seen) == ["/tripod/joint_states"] or "--topic" not in words
 
 
+@pytest.fixture
+def apart(tmp_path: Path) -> Iterator[int]:
+    """A ROS domain of its own: what a killed process leaves behind disturbs no other test."""
+    with private_ros(tmp_path) as domain:
+        yield domain
+
+
 def test_a_killed_recorder_loses_at_most_its_last_second(
-    running_tripod: Any, start_process: Callable[..., Any], spin_until: Any, tmp_path: Path
+    apart: int, spin_until: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "killed"
-    recorder = start_process(CLI, "record", "--out", str(folder), "--topic", "joint_states")
+    folder, start = tmp_path / "killed", ProcessGroup(tmp_path)
+    client = Client(apart, "tripod", start)
+    points = client.node.create_publisher(Float64MultiArray, "points", 100)
+    client.node.create_timer(0.01, lambda: points.publish(Float64MultiArray(data=[1.0] * 100)))
+    recorder = start(CLI, "record", "--out", str(folder), "--topic", "points")
     file = folder / "killed.mcap"
     assert spin_until(lambda: file.exists() and file.stat().st_size > 1000, READY_S), recorder.output
     size = file.stat().st_size
     assert spin_until(lambda: file.stat().st_size > size, READY_S)  # another second
     recorder.end(signal.SIGKILL)
-    refused = start_process(CLI, "export", str(folder))
-    assert refused.process.wait(READY_S) == 1
-    assert "was not closed" in refused.output
-    mended = start_process(CLI, "record", "--repair", str(folder))
-    assert mended.process.wait(READY_S) == 0
-    assert "repaired, " in mended.output
-    assert counts(folder)["/tripod/joint_states"] > 10
+    client.close()
+    assert main(["export", str(folder)]) == 1
+    assert "was not closed" in "".join(capfd.readouterr())
+    assert main(["record", "--repair", str(folder)]) == 0
+    assert "repaired, " in "".join(capfd.readouterr())
+    assert counts(folder)["/tripod/points"] > 10
