@@ -17,7 +17,7 @@ from waiting import DEADLINE_S
 
 from softsim_ros.cli.install import EXTRAS
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.packaging]
 
 PROJECT = """[build-system]
 requires = []
@@ -68,7 +68,7 @@ def newcomer(request: pytest.FixtureRequest, tmp_path: Path, index: PackageIndex
     machine.variables |= {
         "PIP_CONFIG_FILE": os.devnull,
         "PIP_INDEX_URL": index.address,
-        "PIP_DEFAULT_TIMEOUT": "2",
+        "PIP_DEFAULT_TIMEOUT": str(round(DEADLINE_S)),
         "PIP_RETRIES": "0",
         "UV_HTTP_RETRIES": "0",
         "UV_CACHE_DIR": str(tmp_path / "cache"),
@@ -85,7 +85,7 @@ def nothing_is_half_made(machine: Machine) -> None:
 def test_a_network_that_is_slow_or_gone_in_the_middle(newcomer: Machine, index: PackageIndex) -> None:
     for trouble in (STALL, CUT) if newcomer.installer == "uv" else (CUT,):
         index.trouble["many"] = trouble
-        done = newcomer.start("hello")
+        done = newcomer.start("hello", **({"PIP_DEFAULT_TIMEOUT": "1"} if trouble == STALL else {}))
         assert "cannot be reached, or breaks off; connect to the network" in one_sentence(done), (
             trouble,
             done.stderr,

@@ -8,13 +8,11 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from waiting import BUILD_S, DEADLINE_S
+from waiting import BUILD_S, DEADLINE_S, spin_until
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = {"softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "softsim_bringup"}
@@ -23,7 +21,7 @@ EXECUTABLES = {
     "servo_bridge": {"servo_bridge", "virtual_board", "emulated_board"},
 }
 
-pytestmark = [pytest.mark.slow, pytest.mark.ros]
+pytestmark = [pytest.mark.slow, pytest.mark.packaging, pytest.mark.ros]
 
 
 @pytest.fixture(scope="module", params=["released", "symlinked"])
@@ -173,9 +171,7 @@ def test_nodes_run_from_elsewhere_and_end_in_order(
             start_new_session=True,
         )
     try:
-        end = time.monotonic() + BUILD_S
-        while says not in output.read_text() and process.poll() is None and time.monotonic() < end:
-            threading.Event().wait(0.05)
+        spin_until(lambda: says in output.read_text() or process.poll() is not None, BUILD_S)
         assert says in output.read_text(), output.read_text()
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE_S) == 0, output.read_text()

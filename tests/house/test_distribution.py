@@ -77,6 +77,7 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.packaging
 def test_two_builds_are_the_same_bytes(dist: Path, tmp_path: Path) -> None:
     copy = dist.parent / "copy"
     (copy / "README.md").touch()
@@ -91,6 +92,7 @@ def test_two_builds_are_the_same_bytes(dist: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.packaging
 def test_the_wheel_holds_every_file_of_the_packages_and_configs(dist: Path) -> None:
     (wheel,) = dist.glob("*.whl")
     held = set(zipfile.ZipFile(wheel).namelist())
@@ -130,6 +132,7 @@ def variables() -> dict[str, str]:
 
 
 @pytest.mark.slow
+@pytest.mark.packaging
 def test_the_first_example_of_the_readme_runs_from_the_wheel(environment: Path, tmp_path: Path) -> None:
     text = (REPOSITORY / "README.md").read_text()
     example = text.split("```python\n")[1].split("```")[0]
@@ -147,6 +150,7 @@ def test_the_first_example_of_the_readme_runs_from_the_wheel(environment: Path, 
 
 
 @pytest.mark.slow
+@pytest.mark.packaging
 @pytest.mark.ros
 def test_a_robot_is_up_in_any_folder(environment: Path, tmp_path: Path, ros_domain: int) -> None:
     log = tmp_path / "output.txt"
@@ -173,6 +177,7 @@ def test_a_robot_is_up_in_any_folder(environment: Path, tmp_path: Path, ros_doma
 
 
 @pytest.mark.slow
+@pytest.mark.packaging
 def test_what_an_extra_would_bring_is_named_in_a_sentence(environment: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [environment / "bin" / "softsim", "export", "a_bag"],

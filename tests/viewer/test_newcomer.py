@@ -24,7 +24,7 @@ from kernel_cache import copy_kernels
 from node_processes import domain_guards
 from tcp_ports import free_port
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.packaging]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MADE_WITHIN_S = 400.0

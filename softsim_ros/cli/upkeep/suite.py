@@ -7,14 +7,21 @@ import importlib.util
 import os
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
 from softsim_core.extras import install_command
 from softsim_core.processes import python_command, run_process
+from softsim_ros.cli.upkeep.covering import UncoveredPathError, covering_tests
 
 LIMIT_S = {False: 5400, True: 600}
 """Time limits in [s], for what hangs."""
+
+QUICK = "not slow and not exhaustive and not packaging"
+"""Tests of `--quick`, as an expression of pytest's option -m."""
+
+_TAKES_A_VALUE = ("-k", "-m", "-p", "-o", "-W", "-c")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -23,19 +30,44 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", default="2", metavar="N", help="test processes (default 2; 0: in this one)"
     )
-    parser.usage = "softsim test [--quick] [--workers N] [pytest arguments]"
-    parser.epilog = "Everything else goes to pytest: softsim test tests/unit -k codec"
+    parser.usage = "softsim test [--quick] [--workers N] [PATH ...] [pytest arguments]"
+    parser.epilog = (
+        "PATH is a test, or a file or folder of the product, such as softsim_core/contact, whose tests run. "
+        "All else goes to pytest: softsim test tests/unit -k codec. Other lanes: -m packaging, -m exhaustive."
+    )
 
 
 def command(arguments: argparse.Namespace, root: Path) -> list[str]:
-    """The command line that runs the tests of the checkout at `root`."""
+    """Return the command line that runs the tests of the checkout at `root`.
+
+    Packaging tests run where a path is named that holds them; without a path only `-m packaging` runs them.
+
+    Raises:
+        UncoveredPathError: no test covers a path.
+    """
     words = python_command("pytest", f"--rootdir={root}", "-c", root / "pyproject.toml")
     words += ["-n", arguments.workers, "--dist=loadfile"]
+    rest, has_paths = _with_tests(arguments.rest, root)
     if arguments.quick:
-        words += ["-m", "not slow and not exhaustive"]
+        words += ["-m", QUICK]
+    elif has_paths:
+        words += ["-m", "not exhaustive"]
     timeout = shutil.which("timeout")
     limit = [timeout, "--foreground", "-k", "30", str(LIMIT_S[arguments.quick])] if timeout else []
-    return [*limit, *words, *arguments.rest]
+    return [*limit, *words, *rest]
+
+
+def _with_tests(given: Sequence[str], root: Path) -> tuple[list[str], bool]:
+    """Return the words, tests in place of paths of the product, and whether any word was a path."""
+    words, has_paths, previous, root = list[str](), False, "", root.resolve()
+    for word in given:
+        place = (root / word.partition("::")[0]).resolve()
+        is_path = previous not in _TAKES_A_VALUE and root in place.parents and place.exists()
+        path = place.relative_to(root).as_posix() if is_path else ""
+        words += covering_tests(path, root) if is_path and path.split("/")[0] != "tests" else [word]
+        has_paths |= is_path
+        previous = word
+    return words, has_paths
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,9 +84,14 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("pytest") is None or importlib.util.find_spec("xdist") is None:
         print(f"softsim test: pytest or pytest-xdist is missing; {install_command('test')}", file=sys.stderr)
         return 1
+    try:
+        words = command(arguments, root)
+    except UncoveredPathError as error:
+        print(f"softsim test: {error}", file=sys.stderr)
+        return 2
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile their sources
     run_process(python_command("softsim_core.warmup"), cwd=root)
-    _become(command(arguments, root), root)
+    _become(words, root)
 
 
 def _become(words: list[str], folder: Path) -> NoReturn:
