@@ -107,13 +107,20 @@ class SharedRobot:
     """
 
     def __init__(self, name: str, folder: Path) -> None:
+        self.name = name
         self._reserved = ExitStack()
         self.domain = self._reserved.enter_context(reserved_domain())
         self._processes = ProcessGroup(folder)
         with ros_environment(self.domain, folder):
             self.process = self._processes(SIMULATOR, "--ros-args", *parameter_words(robot=name))
         assert self.process.says("simulating", BUILD_S), self.process.output
-        self._start_parameters: dict[str, Any] = {}
+        client = Client(self.domain, name, self._processes)
+        try:
+            robot = Robot(self.process, client)
+            self._start_parameters = robot.start_parameters
+            assert robot.pause(True)[0]
+        finally:
+            client.close()
 
     @property
     def runs(self) -> bool:
@@ -122,7 +129,6 @@ class SharedRobot:
     def seen_by(self, client: Client) -> Robot:
         """The robot for the tests of a module, with what it writes from now on."""
         robot = Robot(self.process, client)
-        self._start_parameters = self._start_parameters or robot.start_parameters
         robot.start_parameters = self._start_parameters
         return robot
 

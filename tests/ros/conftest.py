@@ -63,9 +63,11 @@ def start_process(
 
 
 @pytest.fixture(scope="module")
-def client(ros_domain: int, start_process: ProcessGroup) -> Iterator[Client]:
+def client(
+    ros_domain: int, start_process: ProcessGroup, shared_robot: SharedRobot | None
+) -> Iterator[Client]:
     """A node of the test in the namespace of the robot."""
-    node = Client(ros_domain, "tripod", start_process)
+    node = Client(ros_domain, "tripod" if shared_robot is None else shared_robot.name, start_process)
     yield node
     node.close()
 

@@ -64,16 +64,15 @@ def end(process: NodeProcess, number: signal.Signals) -> None:
     assert "rror" not in process.output, process.output
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_first_start_is_ended_while_it_compiles(
-    start: ProcessGroup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+    start: ProcessGroup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cache = tmp_path / "kernels"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = start("softsim_ros.cli", "run", "simulator")
     assert process.says("begins on the SciPy path while kernels compile", KERNELS_S), process.output
     assert spin_until(lambda: any(cache.rglob("*.nbc")), KERNELS_S)  # the compiler is at the next one
-    end(process, number)
+    end(process, signal.SIGINT)
     assert not any(cache.rglob("ready-*"))  # what says that all kernels are compiled
 
 
