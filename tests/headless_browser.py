@@ -5,6 +5,9 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -41,3 +44,18 @@ def chromium_path() -> str:
     if reason:
         pytest.skip(reason)
     return str(found)
+
+
+@contextmanager
+def running_chromium() -> Iterator[Any]:
+    """Run a headless Chromium with WebGL in software.
+
+    While it runs, asyncio counts the loop of Playwright as running in this thread: `asyncio.run` is refused.
+    """
+    path = chromium_path()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(ARGUMENTS))
+        yield browser
+        browser.close()

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from headless_browser import ARGUMENTS, NOTHING_IS_DRAWN, chromium_path
+from headless_browser import NOTHING_IS_DRAWN, running_chromium
+from kept_open import kept_open
 
 pytest.importorskip("rosbags")
 
@@ -16,26 +17,29 @@ from softsim_ros.cli import main
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-READY_MS = 60_000
+WAIT_MS = 120_000
 MESH = "window.__viserMutable?.nodeRefFromName"
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: Any) -> Iterator[Any]:
-    chromium = chromium_path()
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        context = playwright.chromium.launch_persistent_context(
-            tmp_path_factory.mktemp("profile"), executable_path=chromium, headless=True, args=list(ARGUMENTS)
-        )
-        context.add_init_script(NOTHING_IS_DRAWN)
-        yield context
-        context.close()
+def browser(request: pytest.FixtureRequest) -> Any:
+    """The Chromium of all pages of a worker."""
+    return kept_open.value(request, running_chromium)
 
 
-def opened(browser: Any, file: Path) -> tuple[Any, list[str], list[str]]:
+@pytest.fixture
+def tabs(browser: Any) -> Iterator[Any]:
+    """Tabs that draw nothing."""
+    context = browser.new_context()
+    context.add_init_script(NOTHING_IS_DRAWN)
+    context.set_default_timeout(WAIT_MS)
+    yield context
+    context.close()
+
+
+def opened(tabs: Any, file: Path) -> tuple[Any, list[str], list[str]]:
     """A page of the file, the addresses it asks for, and its errors."""
-    page = browser.new_page()
+    page = tabs.new_page()
     requests: list[str] = []
     errors: list[str] = []
     page.on("request", lambda request: requests.append(request.url))
@@ -63,15 +67,15 @@ def heights(frame: Any) -> list[float]:
     return [float(each) for each in frame.evaluate(script)]
 
 
-def test_the_replay_page_moves_and_asks_nobody(robot_bag: Path, tmp_path: Path, browser: Any) -> None:
+def test_the_replay_page_moves_and_asks_nobody(robot_bag: Path, tmp_path: Path, tabs: Any) -> None:
     pytest.importorskip("viser")
     assert main(["export", str(robot_bag), "--html", "--out", str(tmp_path)]) == 0
     file = tmp_path / "replay.html"
-    page, requests, errors = opened(browser, file)
-    page.wait_for_function(f"() => '/stress/11' in ({MESH} || {{}})", timeout=READY_MS)
-    page.wait_for_function("() => document.querySelector('canvas') !== null", timeout=READY_MS)
+    page, requests, errors = opened(tabs, file)
+    page.wait_for_function(f"() => '/stress/11' in ({MESH} || {{}})")
+    page.wait_for_function("() => document.querySelector('canvas') !== null")
     seen: set[float] = set()
-    end = time.monotonic() + READY_MS / 1000.0
+    end = time.monotonic() + WAIT_MS / 1000.0
     while len(seen) < 3 and time.monotonic() < end:
         seen.add(round(sum(heights(page)), 1))
         page.wait_for_timeout(50)
@@ -80,17 +84,16 @@ def test_the_replay_page_moves_and_asks_nobody(robot_bag: Path, tmp_path: Path, 
     assert {"/effector", "/goal", "/cables/line_0", "/rigid/cube"} <= set(drawn)
     assert outside(requests, file) == []
     assert errors == []
-    page.close()
 
 
 def test_the_report_shows_charts_and_replay_and_asks_nobody(
-    robot_bag: Path, tmp_path: Path, browser: Any
+    robot_bag: Path, tmp_path: Path, tabs: Any
 ) -> None:
     pytest.importorskip("viser")
     pytest.importorskip("matplotlib")
     file = tmp_path / "report.html"
     assert main(["report", str(robot_bag), "--out", str(file)]) == 0
-    page, requests, errors = opened(browser, file)
+    page, requests, errors = opened(tabs, file)
     pictures = page.evaluate(
         "() => [...document.images].map(each => [each.alt, each.complete && each.naturalWidth > 100])"
     )
@@ -112,7 +115,6 @@ def test_the_report_shows_charts_and_replay_and_asks_nobody(
     assert "warning" in text
     assert "slow" in text
     replay = page.frames[1]
-    replay.wait_for_function(f"() => '/stress/11' in ({MESH} || {{}})", timeout=READY_MS)
+    replay.wait_for_function(f"() => '/stress/11' in ({MESH} || {{}})")
     assert outside(requests, file) == []
     assert errors == []
-    page.close()

@@ -8,11 +8,14 @@ from typing import Any
 
 from headless_browser import NOTHING_IS_DRAWN
 
-READY_MS = 90_000
-WAIT_MS = 60_000
+WAIT_MS = 120_000
+"""Longest wait; the machine may be busy, or pause the browser."""
 
-MERGED_MS = 60
-"""viser sends one message of the panel per 50 ms, the newest: nobody clicks twice in that time."""
+SENT = "() => new Promise(done => setTimeout(done, 60))"
+"""viser sends one message of the panel per 50 ms, the newest; after 60 ms of the page's clock it is sent."""
+
+DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+"""The page has taken what came before, and places nodes of the scene where they are now."""
 
 NODES = "window.__viserMutable.nodeRefFromName"
 
@@ -61,7 +64,7 @@ class BrowserPage:
 
     def wait_for_node(self, name: str) -> None:
         """Wait until a node of the 3-D scene is there."""
-        self.page.wait_for_function(f"window.__viserMutable?.nodeRefFromName?.['{name}']", timeout=READY_MS)
+        self.page.wait_for_function(f"window.__viserMutable?.nodeRefFromName?.['{name}']", timeout=WAIT_MS)
 
     def wait_until_gone(self, name: str) -> None:
         """Wait until a node of the 3-D scene is not there any more."""
@@ -77,19 +80,20 @@ class BrowserPage:
         return float(x), float(y)
 
     def tab(self, name: str) -> None:
-        """Choose a tab. While the page has lost its connection, nothing in the panel can be clicked."""
+        """Choose a tab by the keyboard: the mouse would wait for pictures, with which a page may be late."""
         try:
-            self.page.get_by_role("tab", name=name, exact=True).click(no_wait_after=True)
+            self.page.get_by_role("tab", name=name, exact=True).press("Enter")
+            self.page.get_by_role("tab", name=name, exact=True, selected=True).wait_for()
         except Exception as error:
             raise AssertionError(f"{error}\n\nthe page's connection: {self.connection}") from error
 
     def click(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).click()
-        self.page.wait_for_timeout(MERGED_MS)
+        self.page.evaluate(SENT)
 
     def tick(self, name: str) -> None:
         self.page.get_by_role("checkbox", name=name, exact=True).click()
-        self.page.wait_for_timeout(MERGED_MS)
+        self.page.evaluate(SENT)
 
     def number(self, label: str) -> Any:
         """The number field of a slider."""
@@ -103,7 +107,7 @@ class BrowserPage:
         field.click()
         field.fill(option)
         self.page.get_by_role("option", name=option, exact=True).click()
-        self.page.wait_for_timeout(MERGED_MS)
+        self.page.evaluate(SENT)
 
     def set_number(self, label: str, value: float) -> None:
         """Type a number into the field of a slider."""
@@ -116,17 +120,27 @@ class BrowserPage:
         self.page.evaluate("document.activeElement.blur()")
         self.page.keyboard.press(keys)
 
+    def await_frames(self) -> None:
+        """Wait until the page has drawn what it knows now."""
+        self.page.evaluate(DRAWN)
+
+    def point_at(self, place: tuple[float, float]) -> None:
+        """Move the mouse to a place, and let the page find what lies there."""
+        self.await_frames()
+        self.page.mouse.move(*place)
+        self.await_frames()
+
     def drag(self, start: tuple[float, float], end: tuple[float, float], *, shift: bool = False) -> None:
         """Press the mouse at one point, move in small steps, and leave the button down."""
         mouse = self.page.mouse
-        mouse.move(*start)
+        self.point_at(start)
         if shift:
             self.page.keyboard.down("Shift")
         mouse.down()
         for step in range(1, 11):
             share = step / 10.0
             mouse.move(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
-            self.page.wait_for_timeout(30)
+            self.await_frames()
 
     def release(self, *, shift: bool = False) -> None:
         self.page.mouse.up()

@@ -6,12 +6,16 @@ import importlib.util
 import re
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
-from headless_browser import ARGUMENTS, chromium_path
+from headless_browser import running_chromium
+from kept_open import kept_open
+from node_processes import Client, NodeProcess, ProcessGroup, private_ros
+from shared_robots import Robot
 from waiting import BUILD_S, spin_until
 
 sys.path.append(str(Path(__file__).parent))  # for `browser_page` and `tcp_ports`
@@ -30,8 +34,17 @@ def _ros_fixtures() -> ModuleType:
 
 _ROS = _ros_fixtures()
 ros_domain, start_process, client = _ROS.ros_domain, _ROS.start_process, _ROS.client
-start_robot = _ROS.start_robot
-Robot = _ROS.Robot
+start_robot, shared_robot, shared_robots = _ROS.start_robot, _ROS.shared_robot, _ROS.shared_robots
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let tests of the Tripod's station follow each other, and then those of other pages."""
+    items.sort(key=_rank)
+
+
+def _rank(item: pytest.Item) -> int:
+    names = getattr(item, "fixturenames", ())
+    return 0 if "station" in names else 1 if "browser" in names else 2
 
 
 @pytest.fixture(scope="session", name="spin_until")
@@ -40,9 +53,10 @@ def _spin_until() -> Callable[..., bool]:
     return spin_until
 
 
-@pytest.fixture(scope="session")
-def chromium() -> str:
-    return chromium_path()
+@pytest.fixture(scope="module")
+def browser(request: pytest.FixtureRequest) -> Any:
+    """A headless Chromium with software WebGL, one for all pages of a worker."""
+    return kept_open.value(request, running_chromium)
 
 
 @pytest.fixture(scope="module")
@@ -51,30 +65,60 @@ def start_station(
 ) -> Callable[..., tuple[Any, str]]:
     """Runs a robot or scene as `softsim up` does, with a page; returns it with the page's address."""
     pytest.importorskip("viser")
-    from tcp_ports import free_port
 
     def start(name: str, *arguments: str) -> tuple[Any, str]:
-        port = free_port()
-        words = ("up", name, "--headless", "--lite", "--port", str(port), *arguments)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
-            process = start_process("softsim_ros.cli", *words)
-        assert process.says("open http", BUILD_S), process.output
-        return Robot(process, client), re.findall(r"open (http://\S+)", process.output)[0]
+        process, address = started(start_process, tmp_path_factory.mktemp("runtime"), name, *arguments)
+        return Robot(process, client), address
 
     return start
 
 
-@pytest.fixture(scope="module")
+def started(start: Callable[..., Any], folder: Path, name: str, *arguments: str) -> tuple[NodeProcess, str]:
+    """Start a robot or scene as `softsim up` does; the process, and the address of its page."""
+    from tcp_ports import free_port
+
+    words = ("up", name, "--headless", "--lite", "--port", str(free_port()), *arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        process = start("softsim_ros.cli", *words)
+    assert process.says("open http", BUILD_S), process.output
+    return process, re.findall(r"open (http://\S+)", process.output)[0]
+
+
+@pytest.fixture(scope="session")
 def allowed_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder whose Python scenes the station may load while it runs."""
     return tmp_path_factory.mktemp("allowed_code")
 
 
 @pytest.fixture(scope="module")
-def station(start_station: Callable[..., tuple[Any, str]], allowed_code: Path) -> tuple[Any, str]:
-    """The Tripod with everything: simulator, bridge on a virtual board, inverse control, page."""
-    return start_station("tripod", "--inverse", "--allow-code", str(allowed_code))
+def station(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, allowed_code: Path
+) -> tuple[Robot, str]:
+    """The Tripod with everything: simulator, bridge on a virtual board, inverse control, page.
+
+    It runs on for all files that use it, in a ROS domain of its own, and is brought back before each of them.
+    """
+    pytest.importorskip("rclpy")
+    pytest.importorskip("viser")
+
+    @contextmanager
+    def running() -> Iterator[tuple[Robot, str]]:
+        folder = tmp_path_factory.mktemp("station")
+        with private_ros(folder) as domain:
+            processes = ProcessGroup(folder)
+            client = Client(domain, "tripod", processes)
+            try:
+                words = ("tripod", "--inverse", "--allow-code", str(allowed_code))
+                process, address = started(processes, folder, *words)
+                yield Robot(process, client), address
+            finally:
+                client.close()
+                processes.end()
+
+    robot, address = kept_open.value(request, running)
+    robot.restore()
+    return robot, address
 
 
 @pytest.fixture(scope="module")
@@ -90,14 +134,3 @@ def driven(station: tuple[Any, str], browser: Any, spin_until: Callable[..., boo
     assert result.shows("running")
     yield result
     page.close()
-
-
-@pytest.fixture(scope="module")
-def browser(chromium: str) -> Iterator[Any]:
-    """A headless Chromium with software WebGL."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=chromium, headless=True, args=list(ARGUMENTS))
-        yield running
-        running.close()

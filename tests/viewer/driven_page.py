@@ -17,9 +17,8 @@ from softsim_ros.messages import diagnostic_values
 
 BODY = "/bodies/silicone"
 START, MID, HIGH = -1.4965, -1.0466666666666667, -0.785
-WAIT_S = 60.0
-SETTLE_MS = 250
-HELD_MS = 1000
+WAIT_S = 120.0
+HELD_MS = 800
 """A key pressed again later than this is not taken for one that is held down."""
 
 
@@ -39,25 +38,26 @@ class Driven:
     def until(self, condition: Callable[[], Any]) -> bool:
         return self._spin_until(condition, WAIT_S)
 
-    def soon(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, 4.0)
-
     def shows(self, text: str) -> bool:
         """Whether the page comes to show a text."""
         self.page.page.get_by_text(text).first.wait_for(state="visible")
         return True
 
+    def await_page(self) -> None:
+        """Wait until all that the page has sent has had its effect: pause the robot, and let it go on."""
+        for state in ("paused", "running"):
+            self.page.click("Run / pause")
+            assert self.shows(state)
+
     def joints_at(self, *wanted: float) -> bool:
-        """Whether the joints come to stand still at these positions, and the page has heard of it."""
+        """Whether the joints come to stand still at these positions."""
 
         def there() -> bool:
             state = self.states[-1]
             near = all(abs(a - b) < 0.01 for a, b in zip(state.position, wanted, strict=True))
             return near and max(map(abs, state.velocity)) < 0.01
 
-        found = self.until(there)
-        self.page.page.wait_for_timeout(SETTLE_MS)
-        return found
+        return self.until(there)
 
     def commanded(self, before: int, *wanted: float) -> bool:
         """Whether a command with these positions came after the first `before` ones."""
@@ -77,6 +77,15 @@ class Driven:
             if key in values:
                 return str(values[key])
         return ""
+
+    def next_report(self, node: str) -> bool:
+        """Whether a node reports once more."""
+
+        def count() -> int:
+            return sum(bool(diagnostic_values(each, f"tripod/{node}")) for each in self.diagnostics)
+
+        before = count()
+        return self.until(lambda: count() > before)
 
     def reports(self, node: str, key: str, value: str) -> bool:
         """Whether a node comes to say this of itself."""

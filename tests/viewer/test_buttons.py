@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from driven_page import BODY, HIGH, MID, SETTLE_MS, START, Driven
+from driven_page import BODY, HIGH, MID, START, Driven
 from std_msgs.msg import String
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -84,8 +84,7 @@ def makes_one_step(driven: Driven, label: str) -> None:
     driven.page.click("Run / pause")
     assert driven.reports("simulator", "state", "paused")
     assert driven.shows("paused")
-    heard = len(driven.diagnostics)
-    assert driven.until(lambda: len(driven.diagnostics) > heard + 20)  # the count of now
+    assert driven.next_report("simulator")  # the count of steps of now
     before = int(driven.reported("simulator", "steps"))
     driven.page.click(label)
     assert driven.reports("simulator", "steps", str(before + 1))
@@ -128,7 +127,7 @@ def brings_the_camera_back(driven: Driven, label: str) -> None:
         away = turned()
         page.click(label)
         assert driven.until(lambda away=away: math.dist(away, page.page.evaluate(CAMERA)) > 50.0)
-        page.page.wait_for_timeout(SETTLE_MS)
+        page.await_frames()
         homes.append(page.page.evaluate(CAMERA))
     assert math.dist(*homes) < 20.0  # the body, which it looks at, may have moved a little
 
@@ -215,7 +214,7 @@ def test_each_button_of_the_page_has_its_test(driven: Driven) -> None:
     page, found = driven.page.page, set()
     for tab in page.get_by_role("tab").all():
         tab.click()
-        page.wait_for_timeout(SETTLE_MS)
+        driven.page.await_frames()
         labels = {button.inner_text() for button in page.get_by_role("button").all()}
         found |= {label for label in labels if label} - OF_VISER
     assert found - set(ELSEWHERE) == set(EFFECTS)

@@ -16,6 +16,7 @@ pytest.importorskip("viser")
 
 import websockets
 from tcp_ports import free_port
+from waiting import DEADLINE_S
 from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.http11 import Request
@@ -113,7 +114,7 @@ def server(request: pytest.FixtureRequest) -> Iterator[GuardedServer]:
 
 
 def get(server: GuardedServer, path: str = "/", **headers: str) -> tuple[int, dict[str, str], bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.rule.port, timeout=30)
+    connection = http.client.HTTPConnection("127.0.0.1", server.rule.port, timeout=DEADLINE_S)
     connection.request("GET", path, headers=headers)
     answer = connection.getresponse()
     result = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()

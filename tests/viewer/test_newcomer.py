@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,9 +28,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.packaging]
 REPOSITORY = Path(__file__).resolve().parents[2]
 MADE_WITHIN_S = 400.0
 """Compiling the kernels on a busy machine."""
-
-SHOWN_WITHIN_S = 10.0
-"""From the environment being ready to the robot in the browser, on a machine with nothing else to do."""
 
 MAKER = """#!/bin/sh
 # in place of uv: the environment is the one of these tests, and nothing is fetched
@@ -107,19 +103,13 @@ def test_one_command_one_address_one_robot(
         stamp = checkout / ".softsim" / "stamp"
         over = lambda: process.poll() is not None  # noqa: E731
         assert spin_until(lambda: stamp.exists() or over(), MADE_WITHIN_S), log.read_text()
-        ready = time.monotonic()
         assert spin_until(lambda: "open http" in log.read_text() or over(), 120.0), log.read_text()
-        told = time.monotonic()
         addresses = re.findall(r"http://\S+", log.read_text())
         assert len(addresses) == 1, log.read_text()
         page = BrowserPage(browser, addresses[0])
         page.wait_for_node("/bodies/silicone")
-        shown = time.monotonic()
         assert len(page.vertices("/bodies/silicone")) > 1000
         page.close()
-        print(f"address after {told - ready:.1f} s, robot after {shown - ready:.1f} s")
-        busy = os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
-        assert shown - ready < SHOWN_WITHIN_S or busy
         os.kill(child_that_runs("viewer_node", process.pid), signal.SIGKILL)
         assert spin_until(lambda: "the web page has ended, the robot goes on" in log.read_text() or over())
         process.send_signal(signal.SIGINT)

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
-from driven_page import BODY, HELD_MS, HIGH, MID, SETTLE_MS, START, Driven
+from driven_page import BODY, HELD_MS, HIGH, MID, START, Driven
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import String
 
@@ -48,7 +48,6 @@ def test_the_body_on_the_screen_moves_when_a_command_arrives(driven: Driven) -> 
     assert driven.joints_at(HIGH, START, MID)
 
     def moved() -> bool:
-        driven.page.page.wait_for_timeout(100)
         now = driven.page.vertices(BODY)
         return max(abs(a - b) for a, b in zip(before, now, strict=True)) > 5.0
 
@@ -79,7 +78,7 @@ def test_the_picture_shows_the_robot_and_follows_it(
     import imageio.v3 as imageio
     import numpy as np
 
-    page = BrowserPage(browser, station[1], draws=True)
+    page = BrowserPage(browser, station[1], width=900, height=360, draws=True)
     try:
         page.wait_for_node(BODY)
 
@@ -93,13 +92,13 @@ def test_the_picture_shows_the_robot_and_follows_it(
         driven.robot.command([START, START, START])
         assert driven.joints_at(START, START, START)
         outline = np.array(page.vertices(BODY)).reshape(-1, 3)[::20]
-        page.page.wait_for_timeout(SETTLE_MS)
+        page.await_frames()
         low = arm()
         driven.robot.command([HIGH, HIGH, HIGH])
         assert driven.joints_at(HIGH, HIGH, HIGH)
 
         def changed() -> bool:
-            page.page.wait_for_timeout(SETTLE_MS)
+            page.await_frames()
             return float((np.abs(arm() - low).max(axis=2) > 20.0).mean()) > 0.05
 
         assert low.std() > 10.0  # not one colour
@@ -189,25 +188,20 @@ def inverse(driven: Driven) -> Iterator[None]:
 
 
 def last_goal(driven: Driven) -> Any:
-    """The pose of the goal after which none comes any more."""
-    seen = 0
-    while seen < len(driven.goals):
-        seen = len(driven.goals)
-        driven.page.page.wait_for_timeout(SETTLE_MS)
+    """The pose of the goal once all have come that the page has sent."""
+    driven.await_page()
     return driven.goals[-1].pose
 
 
 def drag_goal(driven: Driven, start: tuple[float, float, float], end: tuple[float, float, float]) -> Any:
     """The newest goal after a drag from and to places beside the goal's middle in mm; also that middle."""
     page, before = driven.page, len(driven.goals)
-    for _ in range(5):  # a page that is late with a picture lets the mouse pass beside the handle
-        center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
-        first, last = (tuple(c + d for c, d in zip(center, off, strict=True)) for off in (start, end))
-        page.drag(page.screen(first), page.screen(last))
-        page.release()
-        if driven.soon(lambda: len(driven.goals) > before):
-            return last_goal(driven), center
-    return pytest.fail("no goal came")
+    center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
+    first, last = (tuple(c + d for c, d in zip(center, off, strict=True)) for off in (start, end))
+    page.drag(page.screen(first), page.screen(last))
+    page.release()
+    assert driven.until(lambda: len(driven.goals) > before), "no goal came"
+    return last_goal(driven), center
 
 
 def test_a_dragged_goal_arrives_on_its_topic_and_the_robot_follows(driven: Driven, inverse: None) -> None:
@@ -235,7 +229,6 @@ def test_a_drag_pulls_the_body(driven: Driven, mode: str) -> None:
     if not shift:
         page.tab("View")
         page.tick("Drag pulls (as Shift + drag)")
-        page.page.wait_for_timeout(SETTLE_MS)
     vertices = page.vertices(BODY)
     points = list(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True))
     arm = [point for point in points if 12.0 < math.hypot(*point[:2]) < 20.0 and point[0] > 0.0]
@@ -247,9 +240,9 @@ def test_a_drag_pulls_the_body(driven: Driven, mode: str) -> None:
     page.release(shift=shift)
     assert last.header.frame_id.startswith("mesh_point/")
     assert last.wrench.force.z > 0.1  # upwards, as the mouse went
-    page.page.wait_for_timeout(500)
+    driven.await_page()
     count = len(driven.wrenches)
-    page.page.wait_for_timeout(500)
+    driven.await_page()
     assert len(driven.wrenches) == count  # let go
     if not shift:
         page.tick("Drag pulls (as Shift + drag)")
@@ -276,7 +269,6 @@ def test_two_browsers_agree(driven: Driven, browser: Any, station: tuple[Any, st
         driven.page.wait_for_node(BODY)
 
         def same() -> bool:
-            driven.page.page.wait_for_timeout(200)
             pairs = zip(driven.page.vertices(BODY), other.vertices(BODY), strict=True)
             return max(abs(a - b) for a, b in pairs) < 0.05
 

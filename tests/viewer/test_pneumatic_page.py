@@ -25,7 +25,7 @@ HOLLOW = "/chambers/air_0"
 
 
 @pytest.fixture(scope="module")
-def station(
+def finger(
     start_station: Callable[..., tuple[Any, str]], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Any, str]:
     """The finger in the namespace of the tests' client."""
@@ -35,8 +35,8 @@ def station(
 
 
 @pytest.fixture(scope="module")
-def page(station: tuple[Any, str], browser: Any) -> Iterator[BrowserPage]:
-    page = BrowserPage(browser, station[1])
+def page(finger: tuple[Any, str], browser: Any) -> Iterator[BrowserPage]:
+    page = BrowserPage(browser, finger[1])
     page.wait_for_node("/bodies/finger")
     yield page
     page.close()
@@ -52,7 +52,7 @@ def page(station: tuple[Any, str], browser: Any) -> Iterator[BrowserPage]:
     ],
 )
 def test_layers_and_fibres_are_tuned_on_the_page(
-    station: tuple[Any, str],
+    finger: tuple[Any, str],
     page: BrowserPage,
     spin_until: Callable[..., bool],
     label: str,
@@ -60,7 +60,7 @@ def test_layers_and_fibres_are_tuned_on_the_page(
     shown: float,
     value: float,
 ) -> None:
-    robot, _ = station
+    robot, _ = finger
     page.tab("Tune")
     page.set_number(label, shown)
     assert spin_until(lambda: robot.get_parameter(parameter) == pytest.approx(value)), robot.process.output
@@ -68,9 +68,9 @@ def test_layers_and_fibres_are_tuned_on_the_page(
 
 
 def test_the_air_is_commanded_in_ml(
-    station: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
+    finger: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
 ) -> None:
-    robot, _ = station
+    robot, _ = finger
     states = robot.client.collect(JointState, "joint_states", 5)
     assert spin_until(lambda: states)
     page.tab("Drive")
@@ -90,9 +90,9 @@ def volume(corners: np.ndarray) -> float:
 
 
 def test_the_hollow_is_drawn_grows_with_its_air_and_is_switched(
-    station: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
+    finger: tuple[Any, str], page: BrowserPage, spin_until: Callable[..., bool]
 ) -> None:
-    robot, _ = station
+    robot, _ = finger
     page.wait_for_node(HOLLOW)
     corners = MM * Simulation(load_scene("pneu_finger"), "scipy").actuators[0].surface.reshape(-1, 3)
     rest = 1e-3 * volume((corners + HOLLOW_OFFSET_MM * facing(corners)).reshape(-1, 3, 3))

@@ -23,12 +23,12 @@ CAMERA = "window.__viserMutable.camera.position.toArray()"
 
 
 def camera_at_rest(page: BrowserPage, spin_until: Callable[..., bool]) -> list[float]:
-    """Where the camera is once a slow browser has taken the whole drag: the same for two seconds."""
+    """Where the camera is once the page has taken the whole drag: the same for several pictures."""
     seen: list[list[float]] = []
 
     def rests() -> bool:
         seen.append(page.page.evaluate(CAMERA))
-        page.page.wait_for_timeout(250)
+        page.await_frames()
         return len(seen) > 8 and all(each == pytest.approx(seen[-1], abs=1e-6) for each in seen[-8:])
 
     assert spin_until(rests), seen[-8:]
