@@ -196,13 +196,10 @@ def _compilers() -> tuple[Compiler, ...]:
     return (step, linalg, actuation, contact, detection, contact_solver)
 
 
-def _mark(package: Path = Path(__file__).parent, kind: str = "ready") -> Path | None:
+def _mark(kind: str = "ready") -> Path | None:
     """The file that says that kernels are in the cache, in the folder of the step's; None: none is compiled.
 
-    Numba finds kernels by the place and the time of their sources, so a copy of the checkout has another one.
-
     Args:
-        package: Where this package lies; another folder, for a copy of it.
         kind: "ready", for those that every robot steps by; "large", for those of large meshes.
     """
     compilers = _compilers()
@@ -214,8 +211,7 @@ def _mark(package: Path = Path(__file__).parent, kind: str = "ready") -> Path | 
 
     cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
     features = os.environ.get("NUMBA_CPU_FEATURES") or binding.get_host_cpu_features().flatten()
-    sources = [(each.name, each.changed()) for each in compilers]
-    told = [str(package.resolve()), sources, numba.__version__, sys.version, cpu, features]
+    told = [*(each.name for each in compilers), numba.__version__, sys.version, cpu, features]
     return folder / f"{kind}-{hashlib.sha256(repr(told).encode()).hexdigest()[:16]}"
 
 

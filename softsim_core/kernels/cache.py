@@ -14,6 +14,8 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, Final
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -78,15 +80,70 @@ class CheckedFiles(IndexDataCacheFile):
         return sha256(repr((self._version, self._source_stamp, name)).encode()).digest()
 
 
-class KernelCache(FunctionCache):
-    """Numba's cache of one function, in checked files; a disk that takes nothing stops nobody."""
+class Place:
+    """The folder of a kernel's files, as Numba's caches ask for it.
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    Numba names its own folders after the path of the source, and what lies there is valid for one time of the
+    source. Here both follow from the content: copies of a package share what is compiled, and a file that is
+    written again with the same content compiles nothing.
+
+    Args:
+        folder: Where the files lie.
+        content: What names the sources by their content.
+        function: The kernel.
+    """
+
+    def __init__(self, folder: Path, content: str, function: Callable[..., Any]) -> None:
+        self._folder, self._content = str(folder), content
+        self._py_file = function.__code__.co_filename  # Numba reads it for a warning
+        self._line = function.__code__.co_firstlineno
+
+    def from_function(self, function: Callable[..., Any], file: str) -> Place:
+        """Return the place of a function: this one, made where that can be done."""
+        with suppress(OSError):
+            os.makedirs(self._folder, exist_ok=True)  # noqa: PTH103 (Numba's paths are strings)
+        return self
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return self._folder
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, and see whether it can be written.
+
+        Raises:
+            OSError: it cannot.
+        """
+        os.makedirs(self._folder, exist_ok=True)  # noqa: PTH103 (Numba's paths are strings)
+        TemporaryFile(dir=self._folder).close()
+
+    def get_source_stamp(self) -> str:
+        """Return what the files of these sources have in common."""
+        return self._content
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of one name in one file apart."""
+        return str(self._line)
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache of one function, in checked files; a disk that takes nothing stops nobody.
+
+    Args:
+        function: The kernel.
+        folder: Where its files lie.
+        content: What names the sources by their content.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: Path, content: str) -> None:
+        place = Place(folder, content, function)
+        placed: Any = type("_Placed", (FunctionCache._impl_class,), {"_locator_classes": [place]})
+        self._impl_class = placed
         super().__init__(function)
         self._cache_file = CheckedFiles(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
-            source_stamp=self._impl.locator.get_source_stamp(),
+            source_stamp=content,
         )
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -100,7 +100,6 @@ class Compiler:
     """
 
     def __init__(self, folder: Path, uses: Sequence[Compiler] = ()) -> None:
-        self._folder = folder
         self._beside = folder / "__pycache__"
         digest = hashlib.sha256(Path(__file__).read_bytes())
         for used in uses:
@@ -125,10 +124,6 @@ class Compiler:
         """The folder of the cache; None where nothing is compiled."""
         return None if self._numba is None else Path(self._cache)
 
-    def changed(self) -> list[tuple[str, int]]:
-        """Each source's name and when it was changed, in [ns]: what is cached is of these times only."""
-        return [(file.name, file.stat().st_mtime_ns) for file in sorted(self._folder.glob("*.py"))]
-
     def kernel(self, function: F) -> F:
         """Compile with cache, without the GIL; kernels live at module level, where the cache serves them.
 
@@ -150,12 +145,7 @@ class Compiler:
             nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True, **options
         )(function)
         compiled.__class__ = kind
-        config = self._numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read when caching begins
-        try:
-            compiled.enable_caching()
-        finally:
-            config.CACHE_DIR = before
+        compiled.cache_in(folder, self.name)
         return compiled
 
     def forget_old_kernels(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from numba.core.registry import CPUDispatcher, cpu_target
@@ -17,9 +18,9 @@ class Inside(CPUDispatcher):
 
     with_wrapper: Callable[[], Any]
 
-    def enable_caching(self) -> None:
-        """Numba's cache, in checked files."""
-        self._cache = KernelCache(self.py_func)
+    def cache_in(self, folder: Path, content: str) -> None:
+        """Keep what is compiled in a folder, in checked files of these sources."""
+        self._cache = KernelCache(self.py_func, folder, content)
 
     @cached_property
     def for_python(self) -> Any:
@@ -34,14 +35,14 @@ class Inside(CPUDispatcher):
 class ForPython(CPUDispatcher):
     """A kernel that Python calls: what is missing in its cache is compiled by another process."""
 
-    def enable_caching(self) -> None:
-        """The same cache, but for who compiles."""
-        self._cache = _CompiledElsewhere(self.py_func)
+    def cache_in(self, folder: Path, content: str) -> None:
+        """Do the same, where another process compiles."""
+        self._cache = _CompiledElsewhere(self.py_func, folder, content)
 
 
 class _CompiledElsewhere(KernelCache):
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
+    def __init__(self, function: Callable[..., Any], folder: Path, content: str) -> None:
+        super().__init__(function, folder, content)
         self._module, self._name = function.__module__, function.__name__
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from kernel_cache import copy_kernels
+from kernel_cache import share_kernels
 from node_processes import domain_guards
 from waiting import DEADLINE_S, spin_until
 
@@ -121,7 +121,7 @@ def environment(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     else:
         pytest.skip(f"packages cannot be had: {done.stderr.strip().splitlines()[-1]}")
     (packages,) = folder.glob("lib/python3*/site-packages")
-    copy_kernels(packages)
+    share_kernels(packages)
     return folder
 
 

@@ -274,19 +274,6 @@ def test_the_compiler_does_not_outlive_the_robot(tmp_path: Path) -> None:
     assert spin_until(is_gone)
 
 
-def test_kernels_of_another_place_or_time_are_not_taken_for_ready(tmp_path: Path) -> None:
-    from softsim_core import warmup
-
-    here = warmup._mark()
-    assert here is not None
-    assert here == warmup._mark(REPOSITORY / "softsim_core")
-    assert here != warmup._mark(
-        tmp_path / "softsim_core"
-    )  # a copy of the checkout: Numba finds nothing there
-    sources = warmup._compilers()[0].changed()
-    assert dict(sources)["stepper.py"] > 0
-
-
 def test_of_two_that_compile_one_waits(tmp_path: Path) -> None:
     fcntl = pytest.importorskip("fcntl")
     order: list[str] = []

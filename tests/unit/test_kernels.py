@@ -58,6 +58,26 @@ def test_kernels_come_from_the_cache_in_the_next_process(kernels: ModuleType, tm
     assert not again.four_times.for_python.stats.cache_misses
 
 
+def test_copies_of_a_package_share_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core import config
+
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    for name, seconds in (("first", 1e9), ("second", 2e9)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "kernels_here.py").write_text(SOURCE)
+        os.utime(tmp_path / name / "kernels_here.py", (seconds, seconds))
+    loaded(tmp_path / "first").four_times(np.ones(2))
+    copy = loaded(tmp_path / "second")
+    copy.four_times(np.ones(2))
+    assert sum(copy.four_times.for_python.stats.cache_hits.values()) == 1
+    assert not copy.four_times.for_python.stats.cache_misses
+    changed = SOURCE.replace("2.0", "3.0")
+    (tmp_path / "second" / "kernels_here.py").write_text(changed)
+    values = np.ones(2)
+    loaded(tmp_path / "second").four_times(values)
+    assert values.tolist() == [9.0, 9.0]
+
+
 @pytest.fixture
 def importable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The same package where another process finds it, too."""

@@ -19,7 +19,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from browser_page import BrowserPage
-from kernel_cache import copy_kernels
+from kernel_cache import share_kernels
 from node_processes import domain_guards
 from tcp_ports import free_port
 
@@ -61,7 +61,7 @@ def checkout(tmp_path: Path) -> Path:
         if (REPOSITORY / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(REPOSITORY / name, folder / name)
-    copy_kernels(folder)
+    share_kernels(folder)
     return folder
 
 
