@@ -161,16 +161,25 @@ def covering_tests(path: str, root: Path) -> list[str]:
     Raises:
         UncoveredPathError: no entry of TESTS contains the path.
     """
+    return [file for word in covering_words(path) for file in files_of(word, root)]
+
+
+def covering_words(path: str) -> list[str]:
+    """Return the words of TESTS that stand for the tests of a path.
+
+    Raises:
+        UncoveredPathError: no entry of TESTS contains the path.
+    """
     place = PurePosixPath(path)
     found = next((str(each) for each in (place, *place.parents) if str(each) in TESTS), None)
     if found is None:
         raise UncoveredPathError(path)
-    return [file for pattern in TESTS[found].split() for file in files_of(pattern, root)]
+    return TESTS[found].split()
 
 
-def files_of(pattern: str, root: Path) -> list[str]:
+def files_of(word: str, root: Path) -> list[str]:
     """Return what a word of TESTS stands for, relative to the checkout."""
-    folder, _, name = pattern.partition("/")
+    folder, _, name = word.partition("/")
     if not name:
         return [f"tests/{folder}"]
     return sorted(f"tests/{folder}/{file.name}" for file in (root / "tests" / folder).glob(f"test_{name}.py"))
