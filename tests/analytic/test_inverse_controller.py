@@ -84,7 +84,7 @@ def test_goals_with_the_qr_law() -> None:
     controller = InverseController(scene)
     controller.start(START, SHIFT)
     at_start = controller.model.snapshot()
-    for _, goal in goals(5, seed=3, reach=0.5):
+    for _, goal in goals(2, seed=3, reach=0.5):
         begin(controller, at_start)
         controller.set_goal(goal)
         for _ in range(200):

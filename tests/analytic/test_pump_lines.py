@@ -22,7 +22,7 @@ HOLLOW, HOSE = 8.0 * CELL**3, 2e-6
 BACKENDS = ["scipy", pytest.param("numba", marks=pytest.mark.numba)]
 
 
-def stiff(control: str = "volume", dt: float = 0.01, backend: str = "scipy", **line: Any) -> SceneDescription:
+def stiff(control: str = "volume", dt: float = 0.01, backend: str = "auto", **line: Any) -> SceneDescription:
     """A cube that hardly gives way, on a line that is full of air."""
     described = inflated(hollow(), control, dt, backend, line_volume=HOSE, **line)
     hard = MaterialDescription(law="stable_neo_hookean", young_modulus=1e10, poisson_ratio=0.45)
