@@ -52,6 +52,7 @@ def depth_in_tops(simulation: Simulation) -> float:
     return deepest
 
 
+@pytest.mark.slow
 def test_the_ball_rests_in_the_hole(simulation: Simulation) -> None:
     simulation.step()
     ball = above_hole(simulation)
@@ -75,6 +76,7 @@ def test_the_ball_follows_the_plate(simulation: Simulation) -> None:
         assert simulation.rigid_poses[0].position[2] > height
 
 
+@pytest.mark.slow
 def test_a_small_tilt_holds_the_ball_and_a_large_one_lets_it_go(simulation: Simulation) -> None:
     start = simulation.robot.poses["start"]
     simulation.command([-1.2, *start[1:]])

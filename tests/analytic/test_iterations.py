@@ -130,6 +130,7 @@ def test_many_iterations_reach_the_nonlinear_step(
     np.testing.assert_allclose(simulation.velocities, rates, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.numba
 @pytest.mark.parametrize("robot", ["emio", "pneu_finger"])
 def test_what_is_stiff_along_itself_is_iterated_with_much_damping(robot: str) -> None:

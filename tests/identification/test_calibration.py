@@ -119,6 +119,7 @@ def test_hidden_numbers_are_found() -> None:
     assert result.rows == {"first": 13}
 
 
+@pytest.mark.exhaustive
 def test_without_noise_they_are_exact(tmp_path: Path) -> None:
     result = fitted(bench(tmp_path, noise=0.0))
     assert result.values == pytest.approx(list(TRUE.values()), rel=1e-3)

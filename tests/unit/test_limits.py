@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, seed
+from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from softsim_core.errors import CommandError, SceneError
@@ -18,6 +18,7 @@ finite = st.floats(-1e3, 1e3)
 
 
 @seed(0)
+@settings(deadline=None)
 @given(finite, finite, finite)
 def test_clamp_gives_the_nearest_allowed_position(a: float, b: float, position: float) -> None:
     limits = JointLimits(min(a, b), max(a, b))
@@ -72,6 +73,7 @@ uneven_steps = st.lists(st.one_of(st.floats(1e-6, 1e-3), st.floats(1e-3, 0.3)), 
 
 
 @seed(0)
+@settings(deadline=None)
 @given(inside, inside, st.floats(0.1, 100.0), st.floats(0.1, 1e4), uneven_steps)
 def test_a_motion_of_uneven_steps_keeps_every_limit_and_stops_on_its_target(
     start: float, target: float, speed: float, acceleration: float, uneven: list[float]
@@ -93,6 +95,7 @@ def test_a_motion_of_uneven_steps_keeps_every_limit_and_stops_on_its_target(
 
 
 @seed(0)
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(0.0, 0.04)), max_size=60))
 def test_targets_that_jump_and_uneven_steps_break_no_limit(moves: list[tuple[float, float]]) -> None:
     limits = JointLimits(-2.0, 1.0, 3.5, 35.0)
