@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -203,6 +204,28 @@ def test_an_endless_policy_is_switched_off_and_the_service_answers(
         assert spin_until(lambda: "has not answered within 0.2 s" in bench.node._problem)
     assert bench.commands == []
     assert bench.enable(False) == (True, "off: the command topic is free")
+
+
+@pytest.mark.slow
+def test_up_ends_while_an_endless_policy_computes(
+    start_process: Any, client: Any, spin_until: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGTERM comes as soon as it is switched on: its first action is never finished."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    policy = write_endless_policy(tmp_path / "endless.onnx", TASK)
+    words = ["up", "tripod", "--no-viewer", "--no-bridge", "--policy", str(policy)]
+    up = start_process("softsim_ros.cli", *words)
+    states = client.collect(JointState, "joint_states", 1)
+    assert spin_until(lambda: states, BUILD_S), up.output
+    client.publish("effector_goal", pose_stamped(time_message(0.0), "world", GOAL, UPRIGHT))
+    assert client.call(Trigger, "simulator/start").success
+    assert spin_until(lambda: "has not answered within 1 s" in up.output, BUILD_S), up.output
+    client.publish("effector_goal", pose_stamped(time_message(0.0), "world", GOAL, UPRIGHT))
+    assert spin_until(lambda: client.call(SetBool, "policy/enable", SetBool.Request(data=True)).success), (
+        up.output
+    )
+    assert up.end(signal.SIGTERM) == 0, up.output
+    assert "Traceback" not in up.output
 
 
 def test_a_policy_of_another_robot_does_not_start(start_policy: Callable[..., Bench], tmp_path: Path) -> None:
