@@ -12,6 +12,9 @@ from softsim_core.errors import CommandError, SceneError, listing
 SHORTEST_STEP_S = 1e-9
 """Steps of a motion shorter than this in [s] are none: nothing is divided by them."""
 
+ROUND_OFF, LEAST = 1e-6, 1e-12
+"""A position beyond a limit by this part of the larger limit, or by LEAST of its unit, is at the limit."""
+
 ARRIVED = 1e-9
 """A motion whose way to stop is at most this in [rad] or [m] may end on its target."""
 
@@ -46,6 +49,11 @@ class JointLimits:
     def clamp(self, position: float) -> float:
         """The nearest allowed position, same unit as the limits."""
         return min(max(position, self.lower), self.upper)
+
+    def allows(self, position: float) -> bool:
+        """Whether a position lies within the limits, but for the round-off of whoever computed it."""
+        largest = max((abs(limit) for limit in (self.lower, self.upper) if math.isfinite(limit)), default=0.0)
+        return abs(position - self.clamp(position)) <= ROUND_OFF * largest + LEAST
 
     def step(self, current: float, velocity: float, target: float, dt: float) -> tuple[float, float]:
         """One step of a motion that keeps every limit and comes to a stop on the clamped `target`.

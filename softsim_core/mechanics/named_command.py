@@ -12,6 +12,9 @@ from softsim_core.errors import CommandError, listing
 MOST_LATE_S: Final = 0.5
 """A command given longer ago than this in [s], or so far ahead, is refused: clocks differ or it got stuck."""
 
+NOTHING: Final = 1e-9
+"""A velocity or effort up to this, in [rad/s], [m/s], [N m] or [N], is round-off and counts as 0."""
+
 LONGEST_NAME: Final = 40
 """So many characters of a foreign name are shown in a refusal."""
 
@@ -52,7 +55,7 @@ def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) 
     """Refuse a command that says more than positions, which nothing here obeys.
 
     Raises:
-        CommandError: it has velocities or efforts that are neither 0 nor NaN.
+        CommandError: it has velocities or efforts that are neither NaN nor 0 but for round-off.
     """
     if says_something(velocities) or says_something(efforts):
         raise _refused(
@@ -61,8 +64,8 @@ def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) 
 
 
 def says_something(values: Sequence[float]) -> bool:
-    """Whether any of the values of an optional field is neither 0 nor NaN."""
-    return any(value != 0.0 and not math.isnan(value) for value in values)
+    """Whether any of the values of an optional field is neither NaN nor 0, but for round-off."""
+    return any(abs(value) > NOTHING for value in values)
 
 
 def check_age(given_s: float, now_s: float) -> None:

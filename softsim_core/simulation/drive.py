@@ -51,13 +51,13 @@ class JointDrive:
         accepted = check_command(values, self._robot.joint_names)
         if self.enforce_limits:
             for index, joint in enumerate(self._robot.joints):
-                allowed = joint.limits.clamp(accepted[index])
-                if allowed != accepted[index] and self._robot.commands.out_of_range == "refuse":
+                refuses = self._robot.commands.out_of_range == "refuse"
+                if refuses and not joint.limits.allows(accepted[index]):
                     raise CommandError(
                         f"command {accepted[index]} for joint {joint.name} refused: allowed is "
                         f"[{joint.limits.lower}, {joint.limits.upper}]; nothing was moved"
                     )
-                accepted[index] = allowed
+                accepted[index] = joint.limits.clamp(accepted[index])
         self.targets = np.array(accepted, dtype=float)
         self._animates_joints = False
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from geometry_msgs.msg import Vector3, WrenchStamped
+from geometry_msgs.msg import Wrench, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -24,6 +24,7 @@ from softsim_node.parameters import LiveParameters, parameter
 from softsim_ros.frames import RobotFrames
 from softsim_ros.simulator.physics_thread import PhysicsThread
 
+ROUND_OFF = 1e-9
 LOOK_PERIOD_S = 0.1
 """Whether a pull has timed out is looked at this often, in [s]."""
 
@@ -67,7 +68,7 @@ class Pulls:
         limit = self._live.values.pull_limit
 
         def pull(simulation: Simulation) -> None:
-            if message.wrench.torque != Vector3():
+            if is_turned(message.wrench):
                 raise CommandError("pull refused: only forces pull; leave the torque 0; nothing is pulled")
             wanted = limited_force((force.x, force.y, force.z), limit)
             frame = message.header.frame_id
@@ -89,6 +90,13 @@ class Pulls:
             self._heard_at = None
             with suppress(SoftSimError):
                 self._physics.call(let_go, shows=False)
+
+
+def is_turned(wrench: Wrench) -> bool:
+    """Whether a wrench has a torque beyond the round-off of its force times a lever of 1 m."""
+    force, torque = wrench.force, wrench.torque
+    turn = math.hypot(torque.x, torque.y, torque.z)
+    return math.isnan(turn) or turn > ROUND_OFF * math.hypot(force.x, force.y, force.z)
 
 
 def let_go(simulation: Simulation) -> None:

@@ -39,7 +39,8 @@ def test_what_is_wrong_is_refused_whole(names: list[str], positions: list[float]
 def test_velocities_are_not_passed_over_in_silence() -> None:
     check_positions_only([], [])
     check_positions_only([math.nan, 0.0], [math.nan, math.nan])  # which say nothing
-    for velocities, efforts in (([1.0], []), ([], [1.0])):
+    check_positions_only([1e-12, -1e-12], [1e-15, 0.0])  # a planner's round-off at the end of its motion
+    for velocities, efforts in (([1.0], []), ([], [1.0]), ([1e-6], []), ([math.inf], [])):
         with pytest.raises(CommandError, match="only positions are taken"):
             check_positions_only(velocities, efforts)
 

@@ -36,6 +36,16 @@ def test_a_scene_may_refuse_instead() -> None:
     assert sim.joint_targets.tolist() == [0.3]
 
 
+@pytest.mark.parametrize(
+    ("value", "limit"), [(0.1 + 0.4 + 1e-16, 0.5), (float(np.float32(-1.0000001)), -1.0)]
+)
+def test_round_off_beyond_a_limit_is_at_the_limit(value: float, limit: float) -> None:
+    sim = Simulation(limited("refuse"), backend="scipy")
+    assert sim.command([value]).tolist() == [limit]
+    with pytest.raises(CommandError, match="refused: allowed is"):
+        sim.command([limit * 1.00001])
+
+
 def test_without_limits_full_turns_are_allowed(backend: Backend) -> None:
     sim = Simulation(limited(speed=1.0), backend=backend)
     sim.enforce_limits = False
