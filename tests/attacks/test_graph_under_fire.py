@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
@@ -58,11 +56,8 @@ if importlib.util.find_spec("onnxruntime"):
 MOST_WAITING = 40
 """Requests that are asked before the answers are waited for."""
 
-SETTLE_S = 2.0
-"""Nodes whose topics and services became no more for so long are all known, in [s]."""
-
-DISCOVERED_S = 40.0
-"""All are known after this time, in [s]."""
+SETTLED_LOOKS = 400
+"""Nodes whose topics and services became no more for so many looks (2 s and more) are all known."""
 
 BUILT_S = 180.0
 """The simulator runs after this time, in [s]: in a fresh checkout its kernels are compiled first."""
@@ -167,15 +162,19 @@ class Fire:
         self.answered = 0
         graph = client.node
         settings = {f"/{NAMESPACE}/{name}/set_parameters" for name in nodes}
-        seen, self.topics, self.services = -1, [], []
-        end = time.monotonic() + DISCOVERED_S
-        while seen < len(self.topics) + len(self.services) or not settings <= dict(self.services).keys():
-            assert time.monotonic() < end, settings - dict(self.services).keys()
-            seen = len(self.topics) + len(self.services)  # what is discovered late comes within seconds
-            threading.Event().wait(SETTLE_S)
+        self.topics, self.services, unchanged = [], [], 0
+
+        def is_settled() -> bool:
+            """Whether all have settings, and no more were found for some time: late news comes in seconds."""
+            nonlocal unchanged
+            seen = self.topics, self.services
             found = [each for each in graph.get_node_names_and_namespaces() if each[0] != "client"]
             self.topics = interfaces(graph.get_subscriber_names_and_types_by_node, found)
             self.services = interfaces(graph.get_service_names_and_types_by_node, found)
+            unchanged = unchanged + 1 if seen == (self.topics, self.services) else 0
+            return settings <= dict(self.services).keys() and unchanged >= SETTLED_LOOKS
+
+        assert spin_until(is_settled), settings - dict(self.services).keys()
         self._publishers = {
             name: graph.create_publisher(loaded(kind), name, STATE_QOS) for name, kind in self.topics
         }  # which all hear: those who want what is latched, or a sign of life, and those who want neither

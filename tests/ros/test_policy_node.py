@@ -95,7 +95,7 @@ def start_policy(ros_domain: int, client: Any, tmp_path: Path) -> Iterator[Calla
 
     def start(weight: float | None = None, speaks: bool = True, **parameters: Any) -> Bench:
         file = write_policy(tmp_path / "policy.onnx", TASK, weight)
-        values = {"policy": str(file), "measure_timeout": DEADLINE_S, **parameters}
+        values = {"policy": str(file), "measure_timeout": 60.0, **parameters}
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         node = PolicyNode("tripod", context=context, parameter_overrides=overrides)
         thread = SpinThread([node], context)

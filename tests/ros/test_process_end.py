@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import random
 import re
@@ -28,6 +29,9 @@ from softsim_ros.cli.running.nodes import NODES  # noqa: E402
 
 COMMANDS = "position_controller/commands"
 KERNELS_S = 150.0  # they may have to be compiled
+MOMENT_S = 5.0
+"""Longest wait in [s] for processor time of a process that has nothing to do."""
+
 REST = (150, 150, 150)
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 TRIPOD = Path(__file__).resolve().parents[2] / "configs" / "robots" / "tripod.yaml"
@@ -71,24 +75,34 @@ def looks_after_signals(process: NodeProcess) -> bool:
     return caught is None or bool(int(caught[1], 16) & 1 << signal.SIGHUP - 1)
 
 
-@pytest.mark.parametrize("longest_s", [1.0, 8.0], ids=["importing", "running"])
-def test_two_signals_at_any_moment_end_every_executable_in_order(
-    start: ProcessGroup, longest_s: float
-) -> None:
-    chance = random.Random(f"moments {longest_s}")
-    pause = threading.Event()
+def used_s(process: NodeProcess) -> float:
+    """Processor time in [s] that a process has used; infinite where it has ended."""
+    if process.process.poll() is not None:
+        return math.inf
+    fields = Path(f"/proc/{process.process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
-    def end(process: NodeProcess, delays: tuple[float, float], numbers: list[signal.Signals]) -> None:
+
+@pytest.mark.parametrize("when", ["importing", "running"])
+def test_two_signals_at_any_moment_end_every_executable_in_order(start: ProcessGroup, when: str) -> None:
+    """Moments are of the processor time of each: a busy machine changes none of them."""
+    chance = random.Random(f"moments {when}")
+
+    def end(process: NodeProcess, moments: tuple[float, float], numbers: list[signal.Signals]) -> None:
         spin_until(lambda: looks_after_signals(process))
-        for delay, number in zip(delays, numbers, strict=True):
-            pause.wait(delay)
+        if when == "running":
+            spin_until(lambda: process.output or process.process.poll() is not None, KERNELS_S)
+        begun = used_s(process)
+        for moment, number in zip(moments, numbers, strict=True):
+            spin_until(lambda moment=moment: used_s(process) >= begun + moment, MOMENT_S)
             process.process.send_signal(number)
 
     running: list[tuple[str, NodeProcess, threading.Thread]] = []
     for name in NODES:
         process = start("softsim_ros.cli", "run", name)
-        delays = (chance.uniform(0.0, longest_s), chance.uniform(0.0, 0.25))
-        ender = threading.Thread(target=end, args=(process, delays, chance.choices(ENDS, k=2)))
+        first = chance.uniform(0.0, 1.0 if when == "importing" else 0.05)
+        moments = (first, first + chance.uniform(0.0, 0.1))
+        ender = threading.Thread(target=end, args=(process, moments, chance.choices(ENDS, k=2)))
         ender.start()
         running.append((name, process, ender))
     for name, process, ender in running:

@@ -19,6 +19,7 @@ from waiting import BUILD_S, DEADLINE_S
 pytest.importorskip("rclpy")
 
 from servo_bridge.virtual_board import VirtualBoard
+from softsim_ros.cli.app import main
 from softsim_ros.keys.press import REPEAT_INTERVAL_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
@@ -112,27 +113,17 @@ def test_typed_keys_become_the_bytes_of_the_table(tmp_path: Path) -> None:
         assert "Traceback" not in terminal.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_everything_in_order(start: Callable[..., Background], number: signal.Signals) -> None:
-    up = start("--send")
-    up.wait_for("bridge active")
+def ends_in_order(up: Background, number: signal.Signals) -> None:
     assert up.end(number) == 0
     assert "Traceback" not in up.text
     assert "tripod: ended" in up.text
 
 
-def test_ctrl_c_in_the_terminal_gives_it_back() -> None:
-    with TerminalSession(UP) as terminal:
-        wait_until(lambda: "no-comm" in terminal.screen, lambda: terminal.text)
-        terminal.type(b"\x03")
-        assert terminal.wait() == 0
-        assert terminal.modes == terminal.modes_before
-        assert "Traceback" not in terminal.text
-
-
-def test_a_second_one_is_refused_and_may_take_another_name(start: Callable[..., Background]) -> None:
-    first = start()
-    first.wait_for("bridge inactive")
+def test_a_second_one_is_refused_may_take_another_name_and_a_killed_one_leaves_its_name_free(
+    start: Callable[..., Background],
+) -> None:
+    first = start("--send")
+    first.wait_for("bridge active")
     second = start()
     assert second.process.wait(DEADLINE_S) == 1
     assert re.search(
@@ -140,25 +131,19 @@ def test_a_second_one_is_refused_and_may_take_another_name(start: Callable[..., 
     )
     other = start("--namespace", "tripod_2")
     other.wait_for("/tripod_2  running  bridge inactive")
-    assert other.end(signal.SIGINT) == 0
-    assert first.end(signal.SIGINT) == 0
+    other.end(signal.SIGKILL)
+    again = start("--namespace", "tripod_2", "--no-bridge")
+    again.wait_for("running")
+    ends_in_order(again, signal.SIGINT)
+    ends_in_order(first, signal.SIGTERM)
 
 
-def test_a_killed_one_leaves_its_name_free(start: Callable[..., Background]) -> None:
-    first = start("--no-bridge")
-    first.wait_for("running")
-    first.end(signal.SIGKILL)
-    second = start("--no-bridge")
-    second.wait_for("running")
-    assert second.end(signal.SIGTERM) == 0
-
-
-def test_an_unknown_robot_is_one_sentence(start: Callable[..., Background]) -> None:
-    up = start("--mesh", "nonsense")
-    assert up.process.wait(DEADLINE_S) == 1
-    assert "tripod_nonsense" in up.text
-    assert "known: " in up.text or "did you mean tripod" in up.text
-    assert "Traceback" not in up.text
+def test_an_unknown_robot_is_one_sentence(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["up", "tripod", "--no-viewer", "--mesh", "nonsense"]) == 1
+    written = "".join(capfd.readouterr())
+    assert "tripod_nonsense" in written
+    assert "known: " in written or "did you mean tripod" in written
+    assert "Traceback" not in written
 
 
 def test_a_missing_port_says_what_to_do_and_the_simulation_runs(start: Callable[..., Background]) -> None:
@@ -201,7 +186,7 @@ def test_inverse_control_moves_the_bytes_with_the_goal(tmp_path: Path) -> None:
         assert "inverse control: on" not in terminal.screen
         terminal.type(b"q")
         wait_until(lambda: board.servo_bytes == MID, lambda: f"{board.servo_bytes} {terminal.screen}")
-        terminal.type(b"x")
+        terminal.type(b"\x03")  # Ctrl+C
         assert terminal.wait() == 0
         assert terminal.modes == terminal.modes_before
         assert "Traceback" not in terminal.text
