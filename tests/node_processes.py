@@ -217,6 +217,8 @@ class ProcessGroup:
                 process.process.wait(DEADLINE_S)
 
 
+DEPTH = 1000
+"""Messages of a topic that may wait for a test that the machine has paused: of 100 Hz, those of 10 s."""
 LOST_S = 20.0
 """A request without an answer for so long in [s] counts as lost on its way."""
 NEWS_S = 0.05
@@ -280,7 +282,7 @@ class Client:
         self._publishers: dict[str, Any] = {}
         self._introductions = Introductions(self.node, lambda: self._written)
 
-    def collect(self, message_type: Any, topic: str, qos: Any = 200, *, raw: bool = False) -> list[Any]:
+    def collect(self, message_type: Any, topic: str, qos: Any = DEPTH, *, raw: bool = False) -> list[Any]:
         """A list that grows with every message of a topic from now on."""
         messages: list[Any] = []
         self.node.create_subscription(message_type, topic, messages.append, qos, raw=raw)

@@ -41,7 +41,7 @@ class Control:
         self.process, self.tripod, self.client, self.spin_until = process, tripod, tripod.client, spin_until
         self.poses = self.client.collect(PoseStamped, "effector_pose", 1)
         self.states = self.client.collect(JointState, "joint_states", 1)
-        self.commands = self.client.collect(Float64MultiArray, "position_controller/commands", 200)
+        self.commands = self.client.collect(Float64MultiArray, "position_controller/commands")
         self.reports = self.client.collect(DiagnosticArray, "/diagnostics")
         self.enabled = StateListener(self.client.node, "inverse_controller/enabled")
 
