@@ -248,31 +248,6 @@ def test_overrides_are_laid_over_what_is_applied_and_reload_takes_the_file(edite
     assert edited.newest.undoable == 2
 
 
-def test_programs_are_edited_by_hand_and_editing_can_be_left_out(
-    start_process: Any, ros_domain: int, spin_until: Callable[..., bool]
-) -> None:
-    for namespace, words in (
-        ("coded", parameter_words(robot="gripper_step_5")),
-        ("closed", parameter_words(robot="held_centre", editing=False)),
-    ):
-        arguments = ("--ros-args", "-r", f"__ns:=/{namespace}", *words)
-        process = start_process("softsim_ros.simulator.simulator_node", *arguments)
-        assert process.says("simulating", BUILD_S), process.output
-    client = Client(ros_domain, "coded", start_process)
-    try:
-        answer = client.call(Trigger, "simulator/edit/begin")
-        assert not answer.success
-        assert "is a program, which is edited by hand" in answer.message
-
-        def services() -> set[str]:
-            return {name for name, _ in client.node.get_service_names_and_types()}
-
-        assert spin_until(lambda: "/closed/simulator/reload" in services())
-        assert not [name for name in services() if name.startswith("/closed/simulator/edit")]
-    finally:
-        client.close()
-
-
 def test_a_link_is_not_written(edited: Edited, tmp_path: Path) -> None:
     away = tmp_path / "precious.yaml"
     away.write_text(BARE)

@@ -34,7 +34,7 @@ def create_scene(scene):
 
 def pressed(robot: Any, press: Callable[[], None], words: str) -> bool:
     """Press until the scene has said so: a simulator that has just been found may miss the first one."""
-    for _ in range(20):
+    for _ in range(60):
         press()
         if robot.process.says(words, 2.0):
             return True

@@ -41,7 +41,7 @@ def finger(start_robot: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
         "- {name: skin, noise: 0.0}\n- {name: press, force_noise: 0.0, moment_noise: 0.0}\n"
         "- {name: dots, dropout: 0.4}\n- {name: tendon, length_noise: 0.0, tension_noise: 0.0}\n"
     )
-    return start_robot(robot=str(file), publish_clock=True, speed=0.5, backend="scipy")
+    return start_robot(robot=str(file), publish_clock=True, speed=0.5)
 
 
 def offered(robot: Any) -> dict[str, list[str]]:

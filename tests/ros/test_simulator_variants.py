@@ -23,10 +23,18 @@ from softsim_ros.qos import LATCHED  # noqa: E402
 
 
 def test_a_simulator_starts_with_other_parameters(start_robot: Any, spin_until: Any) -> None:
-    """Values out of range are refused, simulated time goes to the clock and stamps, overrides hold."""
+    """Values out of range are refused, simulated time is published, overrides hold, nothing is edited."""
     overrides = '"gravity: [0, 0, -1.5]"'
-    robot = start_robot(out_of_range="refuse", publish_clock=True, speed=2.0, overrides=overrides)
+    robot = start_robot(
+        out_of_range="refuse", publish_clock=True, speed=2.0, overrides=overrides, editing=False
+    )
     try:
+
+        def services() -> dict[str, list[str]]:
+            return dict(robot.client.offered("simulator", "/tripod", services=True))
+
+        assert spin_until(lambda: "/tripod/simulator/reload" in services())
+        assert not [name for name in services() if name.startswith("/tripod/simulator/edit")]
         structures = robot.client.collect(String, "scene/structure", LATCHED)
         assert spin_until(lambda: structures)
         assert json.loads(structures[-1].data)["overrides"] == "gravity: [0, 0, -1.5]"
@@ -80,6 +88,9 @@ def test_a_diverging_simulation_stops_at_its_last_good_state(
     file.write_text(OVERLOADED)
     robot = start_robot(robot=str(file))
     try:
+        begun, sentence = robot.trigger("edit/begin")
+        assert not begun
+        assert "is a program, which is edited by hand" in sentence
         reports = robot.client.collect(DiagnosticArray, "/diagnostics")
         states = robot.client.collect(JointState, "joint_states")
         assert robot.warns("diverged at step 31 (t = 0.310 s)")

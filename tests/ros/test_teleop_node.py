@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.virtual_board import VirtualBoard
+from softsim_ros.keys.press import HOLD_GAP_S
 from softsim_ros.teleop.teleop_node import main
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
@@ -262,7 +264,8 @@ def test_the_servo_bridge_is_started_and_stopped(
             teleop.type(b"q")
             robot.wait_for_commands(1)
             assert board.wait_for(lambda b: b.servo_bytes == (119, 119, 119))
-            wait_for_release()
+            released = time.monotonic() + HOLD_GAP_S  # sooner than this again, the key would count as held
+            assert teleop.wait_until(lambda: time.monotonic() > released)
             teleop.type(b"\x02")
             teleop.wait_for("servo bridge: no-comm")
             teleop.wait_for("> stopped sending")
@@ -309,11 +312,6 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_en
         finally:
             bridge.kill()
             bridge.wait()
-
-
-def wait_for_release() -> None:
-    """A key counts as released when it is not seen for a moment."""
-    threading.Event().wait(0.8)
 
 
 REFUSALS: list[tuple[list[str], str]] = [
