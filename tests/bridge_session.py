@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,54 @@ class BridgeClient(Client):
         from std_srvs.srv import Trigger
 
         return self.call(Trigger, service)
+
+
+class BridgeHere:
+    """A bridge in a thread of this process, beside a client; it logs to standard error.
+
+    Args:
+        client: Its context is the bridge's.
+        written: What was written to standard error since the last call.
+        parameters: The bridge's; it follows commands unless they say otherwise.
+    """
+
+    def __init__(
+        self, client: BridgeClient, written: Callable[[], str], parameters: Mapping[str, Any]
+    ) -> None:
+        from rclpy.parameter import Parameter
+
+        from servo_bridge.bridge_node import ServoBridge
+        from softsim_ros.runtime import SpinThread
+
+        values = {"source": "commands"} | {
+            name: str(value) if isinstance(value, Path) else value for name, value in parameters.items()
+        }
+        self._written, self._output = written, ""
+        self.node = ServoBridge(
+            context=client.context,
+            namespace=NAMESPACE,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        self._spinner: Any = SpinThread([self.node], client.context)
+        self._spinner.__enter__()
+
+    @property
+    def output(self) -> str:
+        """What was logged so far."""
+        self._output += self._written()
+        return self._output
+
+    def says(self, text: str) -> bool:
+        """Whether it logs `text` before the deadline (or has)."""
+        return spin_until(lambda: text in self.output)
+
+    def end(self) -> None:
+        """Close its port, with the servos at rest, and destroy it; a second call does nothing."""
+        if self._spinner is not None:
+            self.node.close()
+            self._spinner.close()
+            self.node.destroy_node()
+            self._spinner = None
 
 
 class Stream:

@@ -9,9 +9,6 @@ from typing import Any
 import pytest
 
 RERUNS: Mapping[str, str] = {
-    "tests/bridge/test_bridge_protocols.py::test_calibrate_servos_walks_in_a_terminal_and_writes_the_file": (
-        "the board is a thread of the test; paused for more than 0.2 s it is a board that takes no data"
-    ),
     "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
         "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
     ),

@@ -1,12 +1,14 @@
-"""Fixtures of the bridge's tests: a virtual board, a bridge process on it."""
+"""Fixtures of the bridge's tests: a virtual board, a bridge on it in this process or in one of its own."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from bridge_session import BRIDGE, bridge_words, client, start, stream
+from bridge_session import BRIDGE, BridgeClient, BridgeHere, bridge_words, client, start, stream
 from node_processes import NodeProcess, spin_until
 
 from servo_bridge.virtual_board import VirtualBoard
@@ -33,8 +35,33 @@ def board(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[VirtualBoa
 
 
 @pytest.fixture
-def start_bridge(start: Callable[..., NodeProcess], board: VirtualBoard) -> Callable[..., NodeProcess]:
-    """Starts the bridge on the virtual board; keywords are parameters (quiet time 0, source commands)."""
+def start_bridge(
+    client: BridgeClient, board: VirtualBoard, capfd: pytest.CaptureFixture[str]
+) -> Iterator[Callable[..., BridgeHere]]:
+    """Starts the bridge in this process, on the virtual board.
+
+    Keywords are parameters (quiet time 0, source commands).
+    """
+    bridges: list[BridgeHere] = []
+
+    def starter(**parameters: Any) -> BridgeHere:
+        values = {"port": board.port, "open_wait_s": 0.0} | parameters
+        bridges.append(BridgeHere(client, lambda: capfd.readouterr().err, values))
+        return bridges[-1]
+
+    yield starter
+    for bridge in bridges:
+        bridge.end()
+        output = bridge.output
+        sys.stderr.write(output)  # pytest shows it where the test failed
+        assert "Traceback" not in output
+
+
+@pytest.fixture
+def start_bridge_process(
+    start: Callable[..., NodeProcess], board: VirtualBoard
+) -> Callable[..., NodeProcess]:
+    """As `start_bridge`, in a process of its own."""
 
     def starter(**parameters: object) -> NodeProcess:
         values = {"port": board.port, "open_wait_s": 0.0} | parameters

@@ -36,6 +36,7 @@ def drive_far(client: Any, board: VirtualBoard, stream: Starter) -> None:
 @pytest.mark.slow
 def test_on_the_way_to_rest_it_stops_within_one_packet(
     start_bridge: Starter,
+    start_bridge_process: Starter,
     client: Any,
     board: VirtualBoard,
     stream: Starter,
@@ -48,7 +49,8 @@ def test_on_the_way_to_rest_it_stops_within_one_packet(
     joints = "".join(f"  - {{name: servo_{number}, limits: {limits}}}\n" for number in range(3))
     tripod = Path(__file__).resolve().parents[2] / "configs" / "robots" / "tripod.yaml"
     robot.write_text(f"extends: {tripod}\njoints:\n{joints}")
-    bridge = start_bridge(robot=robot, autostart="activate", settle_timeout=30.0)
+    starter = start_bridge_process if way_out.startswith("SIG") else start_bridge
+    bridge = starter(robot=robot, autostart="activate", settle_timeout=30.0)
     message = Float64MultiArray(data=[-1.0] * 3)
     stream(client.publisher(Float64MultiArray, COMMANDS), message)
     assert board.wait_for(lambda b: b.servo_bytes == (121, 121, 121))
@@ -80,7 +82,6 @@ def test_it_is_answered_while_a_robot_is_loaded(
     os.mkfifo(gate)
     robot.write_text(f"open({str(gate)!r}).read()\nraise LookupError('no robot here')\n")
     bridge = start_bridge(robot=robot)
-    gate.open("w").close()  # the bridge reads the robot's name before it is a node
     answer = client.ask("configure")
     held: list[int] = []
 
@@ -148,17 +149,11 @@ def test_its_clearing_moves_nothing_before_the_next_command(
 def test_its_packet_does_not_wait_for_the_beat(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:
-    period = 0.1
-    start_bridge(autostart="activate", rate=1.0 / period)
+    bridge = start_bridge(autostart="activate")
     assert board.wait_for(lambda b: len(b.packets) > 3)
-    client.service(Trigger, "servo_bridge/e_stop")  # found before it is timed
-    gaps = []
+    bridge.node._session._writer.period = 3600.0  # from the packet after the next on, in an hour
     for _ in range(6):
-        read = len(board.packets)
-        assert board.wait_for(lambda b: len(b.packets) > read)  # noqa: B023
+        board.clear()
         assert client.trigger("servo_bridge/e_stop").success
-        assert board.wait_for(lambda b: len(b.packets) > read + 1)  # noqa: B023
-        before, after = board.packets[read : read + 2]
-        gaps.append(after.time_s - before.time_s)
+        assert board.wait_for(lambda b: bool(b.packets))
         assert client.trigger("servo_bridge/clear_e_stop").success
-    assert min(gaps) < 0.6 * period
