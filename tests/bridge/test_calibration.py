@@ -144,7 +144,7 @@ def mover(tmp_path: Path) -> Iterator[ServoMover]:
         driver.connect(board.port)
         made = ServoMover(driver)
         made.board = board  # type: ignore[attr-defined]
-        made.wait_for_board(10.0)
+        made.wait_for_board(60.0)
         yield made
         made.close()
         driver.disconnect()

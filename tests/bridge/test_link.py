@@ -195,7 +195,7 @@ def test_the_reader_hands_on_every_piece_and_the_end() -> None:
     link.fail = lambda error: (fail(error), failed.set())[0]  # type: ignore[method-assign]
     line = Line([data[:5], data[5:]], PortError("/dev/board", "port /dev/board vanished"))
     reader = Reader(line, link, lambda: 11.0, tilts.append)
-    assert failed.wait(10.0)
+    assert failed.wait(60.0)
     reader.stop()
     assert link.state(11.0) == "extended"
     assert len(tilts) == 1

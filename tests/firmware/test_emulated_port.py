@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from waiting import spin_until
 
 from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.protocols.frames import FrameParser, FrameType, read_telemetry, set_widths
@@ -22,17 +23,25 @@ def port_board(emulator: None, tmp_path: Path) -> Iterator[EmulatedBoardPty]:
 
 
 def open_port(board: EmulatedBoardPty) -> serial.Serial:
-    return serial.Serial(board.port, 115200, timeout=0.05, write_timeout=0.2, exclusive=True)
+    return serial.Serial(board.port, 115200, timeout=0.05, exclusive=True)
 
 
 def telemetry_with(port: serial.Serial, seq: int) -> bool:
-    """Read until the telemetry acknowledges `seq`, for at most 200 reads."""
+    """Read until the telemetry acknowledges `seq`."""
     parser = FrameParser()
-    for _ in range(200):
-        for frame in parser.feed(port.read(64)):
-            if frame.kind is FrameType.TELEMETRY and read_telemetry(frame).seq == seq:
-                return True
-    return False
+
+    def acknowledged() -> bool:
+        said = [frame for frame in parser.feed(port.read(64)) if frame.kind is FrameType.TELEMETRY]
+        return any(read_telemetry(frame).seq == seq for frame in said)
+
+    return spin_until(acknowledged)
+
+
+def first_frame(port: serial.Serial) -> FrameType:
+    """Kind of the first frame that the board says."""
+    parser, kinds = FrameParser(), list[FrameType]()
+    assert spin_until(lambda: kinds.extend(frame.kind for frame in parser.feed(port.read(32))) or kinds)
+    return kinds[0]
 
 
 @pytest.mark.slow
@@ -40,9 +49,7 @@ def test_opening_resets_the_board_and_the_banner_comes(port_board: EmulatedBoard
     assert port_board.wait_for(lambda board: board.time_s > 0.05)
     before = port_board.resets
     with open_port(port_board) as port:
-        parser = FrameParser()
-        kinds = [frame.kind for _ in range(20) for frame in parser.feed(port.read(32))]
-        assert kinds[0] is FrameType.BANNER
+        assert first_frame(port) is FrameType.BANNER
         assert port_board.resets == before + 1
         assert port_board.open_count == 1
         port.write(set_widths(7, [1500, 1600, 1700]))
@@ -76,7 +83,7 @@ def test_unplugged_the_port_vanishes_and_comes_back_behind_the_same_link(
     port.close()
     port_board.replug()
     with open_port(port_board) as again:
-        assert FrameParser().feed(again.read(64))
+        assert first_frame(again) is FrameType.BANNER
         assert port_board.wait_for(lambda board: board.open_count == 2)
         assert port_board.widths_us() is None
 
@@ -88,7 +95,7 @@ def test_a_second_opener_is_refused(port_board: EmulatedBoardPty) -> None:
 
 def test_a_killed_board_says_nothing_more(port_board: EmulatedBoardPty) -> None:
     with open_port(port_board) as port:
-        assert port.read(8)
+        assert spin_until(lambda: port.read(8))
         port_board.kill()
         while port.read(64):
             pass

@@ -44,7 +44,7 @@ def packets(kind: str, count: int, choose: random.Random) -> list[bytes]:
 @pytest.mark.parametrize("kind", ["legacy", "extended"])
 def test_noise_never_makes_a_servo_faster_than_the_slew_limit(kind: str, rate: float) -> None:
     choose, noise = random.Random(6), random.Random(7)
-    minutes = 2
+    minutes = 1
     with EmulatedBoard() as board:
         damaged = 0
         for packet in packets(kind, minutes * 3000, choose):
