@@ -17,6 +17,9 @@ SENT = "() => new Promise(done => setTimeout(done, 60))"
 DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 """The page has taken what came before, and places nodes of the scene where they are now."""
 
+STILL = 5
+"""So many times in a row the same place, with pictures in between, is one where something stays."""
+
 NODES = "window.__viserMutable.nodeRefFromName"
 
 PROJECT = f"""([x, y, z]) => {{
@@ -123,6 +126,14 @@ class BrowserPage:
     def await_frames(self) -> None:
         """Wait until the page has drawn what it knows now."""
         self.page.evaluate(DRAWN)
+
+    def still(self, place: str) -> list[float]:
+        """Coordinates that an expression gives in the page, once they do not change any more."""
+        seen = [self.page.evaluate(place)]
+        while len(seen) < STILL or any(each != seen[-1] for each in seen[-STILL:]):
+            self.await_frames()
+            seen.append(self.page.evaluate(place))
+        return [float(each) for each in seen[-1]]
 
     def point_at(self, place: tuple[float, float]) -> None:
         """Move the mouse to a place, and let the page find what lies there."""

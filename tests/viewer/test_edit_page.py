@@ -44,12 +44,6 @@ gravity: [0.0, 0.0, -9.81]
 SIDE = 15.0
 """x of the finger's flat side in [mm], which the camera sees."""
 
-TRIES = 5
-"""A page that is late with a picture lets the mouse pass beside what it aims at."""
-
-LATE_S = 30.0
-"""What is not told after this long did not happen: a second click for one that is late is one too many."""
-
 
 class Editor:
     """The page of a finger that is edited, and what its simulator tells."""
@@ -64,8 +58,8 @@ class Editor:
     def newest(self) -> Proposal:
         return read_proposal(self.told[-1].data)
 
-    def until(self, condition: Callable[[], Any], seconds: float = 60.0) -> bool:
-        return self._until(condition, seconds)
+    def until(self, condition: Callable[[], Any]) -> bool:
+        return self._until(condition)
 
     @property
     def history(self) -> list[tuple[int, str]]:
@@ -86,46 +80,52 @@ class Editor:
         return self.click(*point)
 
     def click(self, *point: float, tells: bool = True) -> Proposal:
-        before = len(self.told)
         x, y = self.page.screen((point[0], point[1], point[2]))
-        mouse = self.page.page.mouse
-        for _ in range(TRIES):
-            mouse.move(x - 40.0, y - 40.0)
-            self.page.page.wait_for_timeout(300)
-            mouse.move(x, y)
-            self.page.page.wait_for_timeout(500)
-            mouse.click(x, y)
-            if not tells:
-                self.page.page.get_by_text("the cable leaves there").first.wait_for(state="visible")
-                return self.newest
-            if self.until(lambda: len(self.told) > before, LATE_S):
-                return self.settled()
-        return pytest.fail(f"no proposal came; told before: {self.history}")
+        self.page.point_at((x - 40.0, y - 40.0))
+        self.page.point_at((x, y))
+        before = self.newest.undoable
+        self.page.page.mouse.click(x, y)
+        if not tells:
+            self.page.page.get_by_text("the cable leaves there").first.wait_for(state="visible")
+            return self.newest
+        return self.changed(before, lambda _: True)
 
-    def settled(self) -> Proposal:
-        """The newest proposal, once no other one comes."""
-        counts = [-1]
-        while counts[-1] < len(self.told):
-            counts.append(len(self.told))
-            self.until(lambda: len(self.told) > counts[-1], 1.0)
-        return self.newest
+    def changed(self, before: int, wanted: Callable[[Proposal], bool]) -> Proposal:
+        """The proposal with one more change than before that is as wanted, once the page shows it."""
+        arrived = self.until(lambda: self.newest.undoable > before and wanted(self.newest))
+        assert arrived, f"no such proposal came; told before: {self.history}"
+        told = self.newest
+        counts = f"{told.undoable} to undo, {told.redoable} to redo"
+        self.page.page.get_by_text(counts).first.wait_for(state="visible")
+        return told
 
-    def drag(self, handle: str, axis: int, length: float) -> Proposal:
-        """Drag an arrow of a handle along an axis, in [mm]."""
-        before = len(self.told)
+    def drag(
+        self, handle: str, axis: int, length: float, place_of: Callable[[Proposal], float]
+    ) -> tuple[Proposal, Proposal]:
+        """Drag an arrow of a handle along an axis, in [mm], and wait until a coordinate has followed.
+
+        A drag is one change, and is told several times.
+
+        Args:
+            handle: Name of the handle.
+            axis: Of the arrow.
+            length: Of the drag.
+            place_of: Gives what is dragged, in [m].
+
+        Returns:
+            The proposals before and after.
+        """
+        before = self.newest
         self.page.wait_for_node(f"/edit/{handle}")
-        for _ in range(TRIES):
-            node = f"window.__viserMutable.nodeRefFromName['/edit/{handle}']"
-            place = self.page.page.evaluate(f"{node}.position.toArray()")
-            start = list(place)
-            start[axis] += 8.0 if handle == "size" else 13.0
-            end = list(start)
-            end[axis] += length
-            self.page.drag(self.page.screen(tuple(start)), self.page.screen(tuple(end)))
-            self.page.release()
-            if self.until(lambda: len(self.told) > before, LATE_S):
-                return self.settled()
-        return pytest.fail(f"no proposal came; told before: {self.history}")
+        node = f"window.__viserMutable.nodeRefFromName['/edit/{handle}']"
+        start = list(self.page.still(f"{node}.position.toArray()"))
+        start[axis] += 8.0 if handle == "size" else 13.0
+        end = list(start)
+        end[axis] += length
+        self.page.drag(self.page.screen(tuple(start)), self.page.screen(tuple(end)))
+        self.page.release()
+        wanted = place_of(before) + 1e-3 * length
+        return before, self.changed(before.undoable, lambda told: abs(place_of(told) - wanted) < 0.003)
 
     def ask(self, name: str, sentence: str) -> None:
         self.page.click(name)
@@ -135,6 +135,12 @@ class Editor:
         seen = len(self.states)
         assert self.until(lambda: len(self.states) > seen + 2)
         return list(self.states[-1].name)
+
+
+def box_of(told: Proposal) -> Any:
+    """The box that holds the first fixed nodes."""
+    assert told.robot is not None
+    return told.robot.scene.attachments[0].box
 
 
 @pytest.fixture
@@ -164,14 +170,10 @@ def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
         assert editor.until(lambda: not editor.newest.is_changed)
         assert editor.newest.undoable == 0
         # held at its base: a box, moved and made smaller by its handles
-        told = editor.press("add a fixed box", SIDE, -6.0, 2.5)
-        first = told.robot.scene.attachments[0].box
-        told = editor.drag("centre", 0, -8.0)
-        moved = told.robot.scene.attachments[0].box
-        assert moved.center[0] == pytest.approx(first.center[0] - 0.008, abs=0.003)
-        assert moved.size == first.size
-        told = editor.drag("size", 2, 6.0)
-        assert told.robot.scene.attachments[0].box.size[2] == pytest.approx(first.size[2] + 0.006, abs=0.003)
+        editor.press("add a fixed box", SIDE, -6.0, 2.5)
+        before, told = editor.drag("centre", 0, -8.0, lambda told: float(box_of(told).center[0]))
+        assert box_of(told).size == box_of(before).size
+        _, told = editor.drag("size", 2, 6.0, lambda told: float(box_of(told).size[2]))
         assert [each.part for each in told.chosen] == ["attachments/fixed"]
         assert told.chosen[0].count > 3
         assert len(page.vertices("/edit/chosen/0")) > 9  # the chosen nodes are seen
@@ -187,14 +189,18 @@ def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
         told = editor.click(SIDE, -80.0, 2.5)
         assert told.routes["cable"].shape == (2, 3)
         assert told.routes["cable"][:, 0] == pytest.approx([0.015, 0.015], abs=1e-3)
-        told = editor.drag("point", 2, 4.0)
-        assert told.routes["cable"][1, 2] > 0.0045
+        _, told = editor.drag("point", 2, 4.0, lambda told: float(told.routes["cable"][1, 2]))
         assert told.problems == ()
         # what runs has not been disturbed, and the file neither
         assert editor.runs() == []
         assert file.read_text() == BARE
         # every action is undone and done again
-        built, actions = told.robot, told.undoable
+        page.click("Undo")
+        assert editor.until(lambda: editor.newest.redoable == 1)  # the whole drag has been told
+        page.click("Redo")
+        assert editor.until(lambda: editor.newest.redoable == 0)
+        built, actions = editor.newest.robot, editor.newest.undoable
+        assert built is not None
         assert actions == 8
         for _ in range(actions):
             page.click("Undo")  # as fast as the mouse is
@@ -230,10 +236,10 @@ def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
     try:
         page.wait_for_node("/bodies/part")
         newest = finger.collect(String, "scene/structure", LATCHED)
-        assert spin_until(lambda: newest, 60.0)
+        assert spin_until(lambda: newest)
         assert json.loads(newest[-1].data)["description"] == ran
         states = finger.collect(JointState, "joint_states", 5)
-        assert spin_until(lambda: len(states) > 5, 60.0)
+        assert spin_until(lambda: len(states) > 5)
         assert list(states[-1].name) == ["cable"]
     finally:
         page.close()
@@ -259,7 +265,7 @@ def test_a_shipped_scene_is_copied_not_overwritten(
         page.click("Copy")
         page.page.get_by_text("which is edited from now on").first.wait_for(state="visible")
         copy = station.process.folder / "cable_finger.yaml"
-        assert spin_until(copy.is_file, 20.0)
+        assert spin_until(copy.is_file)
         assert load_scene(copy).scene == load_scene(source).scene
         assert source.read_text() == before
         assert [line for line in before.splitlines() if "#" in line and line not in copy.read_text()] == []
