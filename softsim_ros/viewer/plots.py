@@ -66,7 +66,7 @@ class Curves:
         self.names, self._axis = tuple(names), axis
         self._rows: deque[tuple[float, ...]] = deque(maxlen=WINDOW)
         self._chart = gui.add_uplot(
-            self._data(),
+            self._nothing(np.array([0.0, WINDOW * PERIOD_S])),
             (
                 {"label": "t [s]"},
                 *({"label": name, "stroke": COLOURS[i % 8], "width": 1.5} for i, name in enumerate(names)),
@@ -76,19 +76,17 @@ class Curves:
             height=170,
         )
 
-    def clear(self) -> None:
-        """Leave the chart blank until the next row."""
-        if self._rows:
-            self._rows.clear()
-            self._chart.data = self._data()
+    def blank(self, now: float) -> None:
+        """Show an axis of time that ends at `now`, steady clock, in [s], and nothing else."""
+        self._rows.clear()
+        self._chart.data = self._nothing(self._axis.times([now - WINDOW * PERIOD_S, now]))
 
     def add(self, now: float, values: Sequence[float]) -> None:
         """Add a row that is seen at `now`, steady clock, in [s]."""
         self._rows.append((now, *(float(value) for value in values)))
-        self._chart.data = self._data()
-
-    def _data(self) -> tuple[Array, ...]:
-        if not self._rows:
-            return tuple(np.zeros(0) for _ in range(len(self.names) + 1))
         seen, *columns = zip(*self._rows, strict=True)
-        return self._axis.times(seen), *(np.array(column) for column in columns)
+        self._chart.data = self._axis.times(seen), *(np.array(column) for column in columns)
+
+    def _nothing(self, times: Array) -> tuple[Array, ...]:
+        """Values that are not drawn; without any, uPlot would not draw later ones either."""
+        return times, *(np.full(len(times), np.nan) for _ in self.names)

@@ -59,7 +59,7 @@ class PlotsTab:
         if self._axis.follow(state):
             self._seen_at = None
             for curves in self._plots.values():
-                curves.clear()
+                curves.blank(now)
         if self._seen_at is not None:
             before, time_s = self._axis.times([self._seen_at, now])
             if time_s <= before:
@@ -72,7 +72,7 @@ class PlotsTab:
             self._plots["efforts"].add(now, state.efforts)
         error = goal_error_mm(state)
         if error is None:
-            self._plots["error"].clear()
+            self._plots["error"].blank(now)
         else:
             self._plots["error"].add(now, (error,))
         if stages:
