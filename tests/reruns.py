@@ -8,11 +8,7 @@ from typing import Any
 
 import pytest
 
-RERUNS: Mapping[str, str] = {
-    "tests/viewer/test_silent_page.py::test_a_page_lets_other_programs_give_goals": (
-        "two pages drawn by software; seen once on such a machine: a click was answered after a minute"
-    ),
-}
+RERUNS: Mapping[str, str] = {}
 """Why a test may run once more, by its id without parameters."""
 
 
