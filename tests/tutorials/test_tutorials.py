@@ -9,8 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 from types import ModuleType
 
@@ -30,7 +28,7 @@ from doc_pages import (
     links,
     parsed_command,
 )
-from waiting import BUILD_S, DEADLINE_S
+from waiting import BUILD_S, DEADLINE_S, spin_until
 
 from softsim_core import Simulation, load_scene
 from softsim_ros.cli.running.nodes import NODES
@@ -218,9 +216,7 @@ def test_marked_commands_run_and_end_at_ctrl_c(
             start_new_session=True,
         )
     try:
-        end = time.monotonic() + BUILD_S
-        while "running" not in said.read_text() and process.poll() is None and time.monotonic() < end:
-            threading.Event().wait(0.05)
+        spin_until(lambda: "running" in said.read_text() or process.poll() is not None, BUILD_S)
         assert "running" in said.read_text(), said.read_text()
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE_S) == 0, said.read_text()
