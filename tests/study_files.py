@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +25,10 @@ FUNCTIONS = """
 import os, signal, time
 from pathlib import Path
 
-def slow(simulation):
-    time.sleep(0.05)
+def gated(simulation):
+    gate = Path(__file__).with_name("gate")
+    while gate.exists() and -simulation.scene.gravity[2] > float(gate.read_text()):
+        time.sleep(0.02)
     return 1.0
 
 def faulty(simulation):
@@ -47,6 +51,17 @@ def written(folder: Path, **changes: Any) -> Path:
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
     (folder / "functions.py").write_text(FUNCTIONS, encoding="utf-8")
     return file
+
+
+@contextmanager
+def gate(folder: Path, gravity: float) -> Iterator[None]:
+    """Runs of `gated` under more gravity than this, in [m/s^2], wait until the block ends."""
+    file = folder / "gate"
+    file.write_text(str(gravity))
+    try:
+        yield
+    finally:
+        file.unlink()
 
 
 def fingerprint(folder: Path) -> dict[str, str]:

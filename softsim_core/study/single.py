@@ -143,12 +143,15 @@ def run_once(work: Work, values: Sequence[float] | Array, watch: Watch | None = 
     )
     run.start()
     run.join(min(work.study.time_limit, threading.TIMEOUT_MAX))
-    if run.is_alive():
+    late = run.is_alive()
+    if late:
         assert run.ident is not None
         thread, error = ctypes.c_ulong(run.ident), ctypes.py_object(_LateError)
         ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, error)
         run.join(ENDING_S)
-    return ended[0] if ended else _late(work)
+    if not ended or (late and ended[0].status == RAISED):  # readers of files turn _LateError into their own
+        return _late(work)
+    return ended[0]
 
 
 def _late(work: Work) -> Outcome:

@@ -28,7 +28,7 @@ VARIABLES = [
 BOWL: dict[str, Any] = {
     "variables": VARIABLES,
     "overlay": {"gravity": ["= a", 0.0, "= -b"]},
-    "measure": [{"name": "told", "of": "python", "function": "functions.py:slow"}],
+    "measure": [{"name": "told", "of": "python", "function": "functions.py:gated"}],
     "objective": {"minimise": "= told + (a - 0.3)**2 + (b / 50 - 0.5)**2", "generations": 30, "seed": 4},
 }
 

@@ -103,8 +103,8 @@ def test_arguments_reach_a_python_scene(tmp_path: Path) -> None:
 )
 def test_a_run_that_goes_wrong_says_how(tmp_path: Path, case: float, status: int, told: str) -> None:
     measure = [{"name": "told", "of": "python", "function": "functions.py:faulty"}]
-    work = prepare_study(written(tmp_path, measure=measure, time_limit=0.5), [tmp_path]).work
-    Simulation(work.unchanged()).step()  # what is compiled is loaded before the time counts
+    limit = 0.5 if status == LATE else 300.0
+    work = prepare_study(written(tmp_path, measure=measure, time_limit=limit), [tmp_path]).work
     outcome = run_once(work, [case])
     assert outcome.status == status
     assert outcome.error.startswith(told)
@@ -112,14 +112,21 @@ def test_a_run_that_goes_wrong_says_how(tmp_path: Path, case: float, status: int
 
 
 SLEEPS = """
-import time
+import threading
 from pathlib import Path
 
 def asleep(simulation):
     try:
-        time.sleep(20.0)
+        threading.Event().wait()
     finally:
         Path(__file__).with_name("woken").touch()
+
+def translates(simulation):
+    try:
+        while True:
+            pass
+    except SystemExit:
+        raise ValueError("the file cannot be read") from None
 
 def leaves(simulation):
     raise SystemExit("enough")
@@ -134,6 +141,15 @@ def test_a_run_that_sleeps_is_left_at_its_time_limit(tmp_path: Path) -> None:
     outcome = run_once(work, [0.5])
     assert (outcome.status, outcome.error) == (LATE, "exceeded its time limit of 0.2 s")
     assert not (tmp_path / "woken").exists()
+
+
+def test_a_run_that_turns_its_end_into_an_error_of_its_own_is_late(tmp_path: Path) -> None:
+    measure = [{"name": "told", "of": "python", "function": "sleeps.py:translates"}]
+    (tmp_path / "sleeps.py").write_text(SLEEPS)
+    outcome = run_once(
+        prepare_study(written(tmp_path, measure=measure, time_limit=0.5), [tmp_path]).work, [0.5]
+    )
+    assert (outcome.status, outcome.error) == (LATE, "exceeded its time limit of 0.5 s")
 
 
 def test_a_function_that_leaves_the_process_is_a_run_that_raised(tmp_path: Path) -> None:

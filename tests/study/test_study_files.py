@@ -170,11 +170,11 @@ def test_junk_anywhere_is_a_study_or_one_sentence(
 
 
 def test_code_runs_only_where_it_is_allowed(tmp_path: Path) -> None:
-    measure = [{"name": "told", "of": "python", "function": "functions.py:slow"}]
+    measure = [{"name": "told", "of": "python", "function": "functions.py:gated"}]
     file = written(tmp_path, measure=measure)
     with pytest.raises(SoftSimError, match="allow it: --allow-code"):
         prepare_study(file)
-    assert prepare_study(file, [tmp_path]).study.measure[0].function == "functions.py:slow"
+    assert prepare_study(file, [tmp_path]).study.measure[0].function == "functions.py:gated"
     with pytest.raises(SoftSimError, match="no such file"):
         prepare_study(written(tmp_path, measure=[{**measure[0], "function": "other.py:slow"}]), [tmp_path])
 
