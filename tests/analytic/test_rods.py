@@ -441,6 +441,7 @@ def test_euler_buckling_load() -> None:
     assert found == pytest.approx(1.0, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_frequencies_of_timoshenko() -> None:
     thick = 0.02
     stocky = rod(section=RodSectionDescription(shape="rectangle", size=(thick, thick)), elements=16)

@@ -20,7 +20,10 @@ from softsim_core.scene.material import MaterialDescription
 from softsim_core.values import Box, Placement
 
 LENGTH, WIDTH, YOUNG, DENSITY = 0.2, 0.01, 1e6, 1000.0
-BACKENDS = ["scipy", pytest.param("numba", marks=pytest.mark.numba)]
+BACKENDS = [
+    pytest.param("scipy", marks=pytest.mark.slow),
+    pytest.param("numba", marks=pytest.mark.numba),
+]
 
 
 def bar(
