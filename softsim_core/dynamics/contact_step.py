@@ -45,8 +45,8 @@ MOST_ROUNDS = 10
 """Solutions of the contacts of a pass at most, where what forces do is known approximately only."""
 
 SOFTNESS = 3.0e-5
-"""Share of its own compliance by which the normal of each contact is softer, so that one set of forces solves
-redundant contacts: of all that do, nearly the one of least norm."""
+"""Share of its own compliance by which the normal of a contact between rigid bodies is softer, so that one
+set of forces solves redundant contacts: of all that do, nearly the one of least norm."""
 _SUNK = 0.9
 """Share of the shortfall of a gap that this may take; what is more is given back."""
 _MOST_GIVEN_BACK = 3
@@ -275,6 +275,7 @@ class ContactStepper(StepperAround):
         gap -= compliance[:, :acting] @ multipliers
         first = np.append(multipliers, touching.first_forces(warm_start))
         softness = SOFTNESS * np.einsum("ii->i", compliance)[acting::3]
+        softness[np.diff(touching.rows.start)[::3] > 0] = 0.0  # what deforms leaves no force open
         np.einsum("ii->i", compliance)[acting::3] += softness
         wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
         for _ in range(MOST_ROUNDS):
