@@ -21,8 +21,8 @@ def test_notch_walls_of_three_fingers_touch_and_do_not_cross() -> None:
         assert sim.contacts.residual < 1e-6
         assert sim.contacts.gaps.min(initial=0.0) > -1e-6
         passes.append(sim.contacts.passes)
-        near = sim._contacts.near(sim.collision_points, scene.scene.contact.alarm_distance)
-        assert near.distance.min(initial=1.0) > 0.5 * scene.scene.contact.contact_distance
+        near = sim._contacts.near(sim.collision_points, sim.contact_limits.alarm_distance)
+        assert near.distance.min(initial=1.0) > 0.5 * sim.contact_limits.contact_distance
         touched = np.union1d(touched, sim.contacts.pairs[sim.contacts.forces.any(axis=1)])
     assert len(touched) == 6  # both walls of every finger
     assert max(passes) <= 4

@@ -272,7 +272,7 @@ def test_it_falls_on_a_table_and_lies_there(seed: int) -> None:
         lowest.append(float(simulation.visual_points()[:, 2].min()))
         assert simulation.report.positive
     surface = simulation.visual_points()
-    gap = scene.contact.contact_distance
+    gap = simulation.contact_limits.contact_distance
     assert min(lowest) > 0.0
     assert surface[:, 2].min() == pytest.approx(gap, abs=5e-5)
     # it lies on its side: the centre line is half a thickness above the table, all along

@@ -76,7 +76,7 @@ def pulled(sim: Simulation, travel: float) -> int:
         sim.step()
         touched = max(touched, int(sim.contacts.forces.any(axis=1).sum()))
         assert sim.contacts.residual < 1e-6
-        assert sim.contacts.gaps.min(initial=0.0) > -1e-3 * sim.robot.scene.contact.contact_distance
+        assert sim.contacts.gaps.min(initial=0.0) > -1e-3 * sim.contact_limits.contact_distance
         assert sim.joint_efforts[0] >= 0.0
         if sim.collision_surfaces:
             assert sim._contacts.near(sim.collision_points, 0.004).distance.min(initial=1.0) > 0.0
