@@ -16,7 +16,6 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
-from reruns import RERUNS, Reruns  # noqa: E402
 
 SIGNALS = {
     signal.SIGINT: signal.default_int_handler,
@@ -26,12 +25,8 @@ SIGNALS = {
 """What a program of the suite handles, and what Python does about it by itself."""
 
 
-settings.register_profile("seeded", derandomize=True)
+settings.register_profile("seeded", derandomize=True, deadline=None)
 settings.load_profile("seeded")  # each run draws the same examples, on every machine
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    config.pluginmanager.register(Reruns(RERUNS), "reruns")
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -47,7 +42,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Tell what failed when it fails: a run that is ended at its time limit prints no summary."""
-    if report.outcome in ("failed", "rerun") and "PYTEST_XDIST_WORKER" not in os.environ:
+    if report.outcome == "failed" and "PYTEST_XDIST_WORKER" not in os.environ:
         crash = getattr(report.longrepr, "reprcrash", None)
         reason = (
             crash.message.splitlines()[0][:200] if crash and crash.message else str(report.longrepr)[:200]
