@@ -33,8 +33,8 @@ class Scene:
         self.structures = robot.client.collect(String, "scene/structure")
         assert self.until(lambda: self.frames)
 
-    def until(self, condition: Callable[[], Any]) -> bool:
-        return self._spin_until(condition, WAIT_S)
+    def until(self, condition: Callable[[], Any], within_s: float = WAIT_S) -> bool:
+        return self._spin_until(condition, within_s)
 
     def open(self, *branches: str) -> None:
         """Open branches of the tree that are closed, the outer ones first."""
@@ -97,9 +97,11 @@ def test_the_mouse_moves_the_base_of_the_chosen_servo(scene: Scene) -> None:
     scene.page.wait_for_node("/base_handle")
     start = scene.frames[-1].poses[1].position
     x, y, z = 1e3 * start.x, 1e3 * start.y, 1e3 * start.z
-    scene.page.drag(scene.page.screen((x, y, z + 20.0)), scene.page.screen((x, y, z + 26.0)))
-    scene.page.release()
-    assert scene.until(lambda: scene.frames[-1].poses[1].position.z > start.z + 0.003)
+    for _ in range(5):  # a page that is late with a picture lets the mouse pass beside the handle
+        scene.page.drag(scene.page.screen((x, y, z + 20.0)), scene.page.screen((x, y, z + 26.0)))
+        scene.page.release()
+        if scene.until(lambda: scene.frames[-1].poses[1].position.z > start.z + 0.003, 5.0):
+            break
     moved = scene.frames[-1].poses[1].position
     assert moved.z == pytest.approx(start.z + 0.006, abs=0.003)
     assert (moved.x, moved.y) == pytest.approx((start.x, start.y), abs=1e-6)
