@@ -26,7 +26,7 @@ SIGNALS = {
 
 
 settings.register_profile("seeded", derandomize=True, deadline=None)
-settings.load_profile("seeded")  # each run draws the same examples, on every machine
+settings.load_profile("seeded")  # each run draws the same examples on every machine, however slow it is
 
 
 @pytest.hookimpl(optionalhook=True)
