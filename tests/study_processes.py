@@ -6,9 +6,10 @@ import contextlib
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+
+from waiting import spin_until
 
 PATIENCE_S = 400.0
 
@@ -35,10 +36,7 @@ def started(study: Path, store: Path, *more: str, verb: str = "sweep") -> subpro
 
 
 def until(true: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    assert spin_until(true, PATIENCE_S)
 
 
 def kept(store: Path) -> int:

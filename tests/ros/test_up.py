@@ -7,14 +7,13 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from terminal_session import REPOSITORY, TerminalSession
-from waiting import BUILD_S, DEADLINE_S
+from waiting import BUILD_S, DEADLINE_S, spin_until
 
 pytest.importorskip("rclpy")
 
@@ -35,11 +34,8 @@ def own_runtime_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def wait_until(condition: Callable[[], object], what: Callable[[], str], seconds: float = BUILD_S) -> None:
-    """Poll a condition that has no event of its own."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"never came; last seen:\n{what()}"
-        threading.Event().wait(0.02)
+    """Wait for a condition; where it does not come, show what was seen last."""
+    assert spin_until(condition, seconds), f"never came; last seen:\n{what()}"
 
 
 class Background:
