@@ -163,7 +163,9 @@ def test_the_virtual_board_takes_the_servos_from_the_robot_s_file(
     assert board.says("virtual board on")
     start(BRIDGE, *bridge_words(robot=robot, port=link, autostart="activate"))
     assert wait_until(lambda: bool(pulses))
-    assert list(pulses[0].data) == [2048] * 4
+    first = list(pulses[0].data)  # heard on the way from the middle to rest, if it was heard late
+    assert len(first) == len(REST)
+    assert all(2048 <= pulse <= rest for pulse, rest in zip(first, REST, strict=True)), first
 
 
 def test_up_with_an_emulated_board_mirrors_the_simulator_onto_the_bus(

@@ -20,6 +20,12 @@ wait_for_nothing()
 """
 
 
+@pytest.fixture(autouse=True)
+def importable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules of the test's folder can be started by name, also with PYTHONSAFEPATH."""
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+
+
 def test_a_process_that_does_not_end_shows_where_it_is_stuck(tmp_path: Path) -> None:
     (tmp_path / "stuck.py").write_text(STUCK)
     process = NodeProcess("stuck", (), tmp_path / "log.txt")
