@@ -33,7 +33,10 @@ class RobotChoiceError(SoftSimError):
 
 
 class RunningRobot(NamedTuple):
-    """A robot that runs: its name or file, as its simulator or bridge was told, and its namespace."""
+    """A robot that runs: name or file of its simulator's or bridge's parameter `robot`, and its namespace.
+
+    The name is empty where no node answered and the namespace is "/", which names no robot.
+    """
 
     robot: str
     namespace: str

@@ -135,3 +135,13 @@ def test_a_broken_robot_file_is_one_sentence(tmp_path: Path, capsys: pytest.Capt
     assert error.startswith("softsim: ")
     assert "bodys" in error
     assert "Traceback" not in error
+
+
+def test_a_node_that_joins_a_robot_without_a_name_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    discovery = pytest.importorskip("softsim_ros.client.discovery")
+    from softsim_ros.cli.running.run import _found
+
+    for robot, named in (("four", ["-p", "robot:=four"]), ("", [])):
+        found = discovery.RunningRobot(robot, "/")
+        monkeypatch.setattr(discovery, "running_robot", lambda found=found: found)
+        assert _found([]) == ["--ros-args", *named, "-r", "__ns:=/"]

@@ -51,4 +51,5 @@ def _found(words: Sequence[str]) -> list[str]:
     found = running_robot()
     if found is None:
         return []
-    return ["--ros-args", "-p", f"robot:={found.robot}", "-r", f"__ns:={found.namespace}"]
+    name = ["-p", f"robot:={found.robot}"] if found.robot else []  # it may not have answered
+    return ["--ros-args", *name, "-r", f"__ns:={found.namespace}"]
