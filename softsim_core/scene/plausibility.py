@@ -112,9 +112,13 @@ def _moduli(scene: SceneDescription) -> list[str]:
 def _contact_distances(
     scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
 ) -> list[str]:
-    """Distances that the scene names and that are larger than a body is thick: defaults never are."""
+    """Distances that the scene names and that are too large for a body's thickness: defaults never are.
+
+    The alarm distance is a margin of the search, so it may be somewhat larger than a body is thick.
+    """
     settings = scene.contact
-    named = {name: getattr(settings, name) for name in ("alarm_distance", "contact_distance")}
+    allowed = {"alarm_distance": (2.0, "twice "), "contact_distance": (1.0, "")}
+    named = {name: getattr(settings, name) for name in allowed}
     given = {name: value for name, value in named.items() if value is not None}
     if not given:
         return []
@@ -124,8 +128,9 @@ def _contact_distances(
     thinnest = min(widths, key=lambda each: widths[each])
     width = widths[thinnest]
     return [
-        f"contact: {name} is {1e3 * value:.3g} mm, more than the thickness of body {thinnest}, "
-        f"{1e3 * width:.3g} mm; give a smaller one, or leave it out: the default fits the thinnest body"
+        f"contact: {name} is {1e3 * value:.3g} mm, more than {allowed[name][1]}the thickness of "
+        f"body {thinnest}, {1e3 * width:.3g} mm; give a smaller one, or leave it out: the default fits the "
+        "thinnest body"
         for name, value in given.items()
-        if value > ROUNDED * width
+        if value > ROUNDED * allowed[name][0] * width
     ]

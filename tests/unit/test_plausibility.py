@@ -72,9 +72,9 @@ def sheet(thickness: float, contact: ContactSettings) -> SceneDescription:
 
 def test_contact_distances_above_a_thickness_are_named() -> None:
     large = ContactSettings(alarm_distance=0.004, contact_distance=0.001)
-    assert told(sheet(0.005, large)) == []
+    assert told(sheet(0.002, large)) == []
     assert [each.split(";")[0] for each in told(sheet(0.0008, large))] == [
-        "contact: alarm_distance is 4 mm, more than the thickness of body sheet, 0.8 mm",
+        "contact: alarm_distance is 4 mm, more than twice the thickness of body sheet, 0.8 mm",
         "contact: contact_distance is 1 mm, more than the thickness of body sheet, 0.8 mm",
     ]
 
