@@ -19,6 +19,10 @@ from softsim_core.mechanics.model import Model, MotionSubspace
 from softsim_core.mechanics.pose import rotation_exp, rotation_log
 from softsim_core.mechanics.state import State
 
+_SHORTFALL = 0.9e-3
+"""Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
+_TOLERANCES = 5.0
+"""by this many tolerances of the contact solver, where that is more."""
 _SPARE = 0.05
 """Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
 
@@ -131,7 +135,8 @@ class CollisionModel:
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _carried(surfaces, nodes, weights, carriers, model)
         self.moving = any(each.reduced(model) for each in carriers)
-        self.least_gap = settings.contact_distance - settings.shortfall
+        shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
+        self.least_gap = settings.contact_distance - shortfall
         self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
         self._fixed = self._still.copy()

@@ -13,10 +13,6 @@ ALARM_DISTANCE, CONTACT_DISTANCE, TOLERANCE = 0.004, 0.001, 1.0e-8
 """Defaults in [m] where all bodies are at least THICK."""
 THICK = 0.004
 """Thickness in [m] of the thinnest body below which the defaults shrink in proportion to it."""
-_SHORTFALL = 0.9e-3
-"""Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
-_TOLERANCES = 5.0
-"""by this many tolerances of the contact solver, where that is more."""
 _APART = 4.0
 """Ratio of the two distances where one is given and the default of the other does not fit it."""
 
@@ -51,11 +47,6 @@ class ContactLimits(NamedTuple):
     contact_distance: float
     iterations: int
     tolerance: float
-
-    @property
-    def shortfall(self) -> float:
-        """By how much in [m] a gap at the end of a step may be smaller than the contact distance."""
-        return max(_SHORTFALL * self.contact_distance, _TOLERANCES * self.tolerance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

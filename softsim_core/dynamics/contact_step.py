@@ -44,13 +44,6 @@ RUNAWAY_SIZES = 100.0
 MOST_ROUNDS = 10
 """Solutions of the contacts of a pass at most, where what forces do is known approximately only."""
 
-SOFTNESS = 3.0e-5
-"""Share of its own compliance by which the normal of a contact between rigid bodies is softer, so that one
-set of forces solves redundant contacts: of all that do, nearly the one of least norm."""
-_SUNK = 0.9
-"""Share of the shortfall of a gap that this may take; what is more is given back."""
-_MOST_GIVEN_BACK = 3
-
 _SHORT = 0.95
 """Share of the way to the first passing at which contacts are linearised anew."""
 _FreeMotion = IteratedFreeMotion | BossakFreeMotion
@@ -274,13 +267,17 @@ class ContactStepper(StepperAround):
         gap = np.append(motion.violations[:acting], touching.gap)
         gap -= compliance[:, :acting] @ multipliers
         first = np.append(multipliers, touching.first_forces(warm_start))
-        softness = SOFTNESS * np.einsum("ii->i", compliance)[acting::3]
-        softness[np.diff(touching.rows.start)[::3] > 0] = 0.0  # what deforms leaves no force open
-        np.einsum("ii->i", compliance)[acting::3] += softness
         wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
         for _ in range(MOST_ROUNDS):
-            bounds = kept.lower[:acting], kept.upper[:acting]
-            solution = _forces(compliance, softness, gap + wrong, bounds, touching, first)
+            solution = solve_contacts(
+                compliance,
+                gap + wrong,
+                (kept.lower[:acting], kept.upper[:acting]),
+                touching.friction,
+                first,
+                touching.settings.iterations,
+                touching.settings.tolerance,
+            )
             first, forces = solution.forces, solution.forces[acting:]
             watch.mark("forces")
             if not reaches:
@@ -302,33 +299,6 @@ class ContactStepper(StepperAround):
             report = _faster(report, state, model.rigid)
         watch.mark("correct")
         return report, solution._replace(forces=forces)
-
-
-def _forces(
-    compliance: Array,
-    softness: Array,
-    gap: Array,
-    bounds: tuple[Array, Array],
-    touching: LinearisedContacts,
-    first: Array,
-) -> ContactSolution:
-    """Solve the contact law; where normals are redundant, for nearly the least forces.
-
-    The compliance holds what makes normals softer, `softness` (k,) in [m/N]. By as much as it lets them sink
-    they are raised where that is more than a gap may fall short, as in an impact.
-    """
-    settings, normal = touching.settings, slice(len(bounds[0]), None, 3)
-    raised, shifted = np.zeros(len(softness)), gap.copy()
-    for _ in range(_MOST_GIVEN_BACK):
-        solution = solve_contacts(
-            compliance, shifted, bounds, touching.friction, first, settings.iterations, settings.tolerance
-        )
-        sunk = softness * solution.forces[normal]
-        if not (sunk - raised > _SUNK * settings.shortfall).any():
-            break
-        raised, first = sunk, solution.forces
-        shifted[normal] = gap[normal] - raised
-    return solution
 
 
 def _holding(done: Pass) -> IndexArray:
