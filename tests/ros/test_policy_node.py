@@ -210,7 +210,10 @@ def test_an_endless_policy_is_switched_off_and_the_service_answers(
 def test_up_ends_while_an_endless_policy_computes(
     start_process: Any, client: Any, spin_until: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SIGTERM comes as soon as it is switched on: its first action is never finished."""
+    """SIGTERM comes as soon as it is switched on: its first action is never finished.
+
+    Started with the robot, it may have been refused before the start move, so it is switched on again.
+    """
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     policy = write_endless_policy(tmp_path / "endless.onnx", TASK)
     words = ["up", "tripod", "--no-viewer", "--no-bridge", "--policy", str(policy)]
@@ -219,8 +222,6 @@ def test_up_ends_while_an_endless_policy_computes(
     assert spin_until(lambda: states, BUILD_S), up.output
     client.publish("effector_goal", pose_stamped(time_message(0.0), "world", GOAL, UPRIGHT))
     assert client.call(Trigger, "simulator/start").success
-    assert spin_until(lambda: "has not answered within 1 s" in up.output, BUILD_S), up.output
-    client.publish("effector_goal", pose_stamped(time_message(0.0), "world", GOAL, UPRIGHT))
     assert spin_until(lambda: client.call(SetBool, "policy/enable", SetBool.Request(data=True)).success), (
         up.output
     )
