@@ -57,7 +57,7 @@ class Watched:
 
     def lives(self) -> bool:
         """Whether the process serves its page and follows the robot still."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
         connection.request("GET", "/")
         status = connection.getresponse().status
         connection.close()
