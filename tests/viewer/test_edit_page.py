@@ -43,6 +43,11 @@ gravity: [0.0, 0.0, -9.81]
 """
 SIDE = 15.0
 """x of the finger's flat side in [mm], which the camera sees."""
+TRIES = 6
+"""The page is drawn by software and may lag: a gesture then misses its handle and changes nothing. It is made
+again, as a person would do, so many times at most."""
+LATE_S = 10.0
+"""A gesture without a change for so long in [s] has missed."""
 
 
 class Editor:
@@ -60,6 +65,14 @@ class Editor:
 
     def until(self, condition: Callable[[], Any]) -> bool:
         return self._until(condition)
+
+    def gesture(self, make: Callable[[], None]) -> None:
+        """Make a gesture of the mouse until it has changed something."""
+        before = self.newest.undoable
+        for _ in range(TRIES):
+            make()
+            if self._until(lambda: self.newest.undoable > before, LATE_S):
+                return
 
     @property
     def history(self) -> list[tuple[int, str]]:
@@ -80,14 +93,18 @@ class Editor:
         return self.click(*point)
 
     def click(self, *point: float, tells: bool = True) -> Proposal:
-        x, y = self.page.screen((point[0], point[1], point[2]))
-        self.page.point_at((x - 40.0, y - 40.0))
-        self.page.point_at((x, y))
+        def make() -> None:
+            x, y = self.page.screen((point[0], point[1], point[2]))
+            self.page.point_at((x - 40.0, y - 40.0))
+            self.page.point_at((x, y))
+            self.page.page.mouse.click(x, y)
+
         before = self.newest.undoable
-        self.page.page.mouse.click(x, y)
         if not tells:
+            make()
             self.page.page.get_by_text("the cable leaves there").first.wait_for(state="visible")
             return self.newest
+        self.gesture(make)
         return self.changed(before, lambda _: True)
 
     def changed(self, before: int, wanted: Callable[[Proposal], bool]) -> Proposal:
@@ -115,15 +132,19 @@ class Editor:
         Returns:
             The proposals before and after.
         """
+
+        def make() -> None:
+            node = f"window.__viserMutable.nodeRefFromName['/edit/{handle}']"
+            start = list(self.page.still(f"{node}.position.toArray()"))
+            start[axis] += 8.0 if handle == "size" else 13.0
+            end = list(start)
+            end[axis] += length
+            self.page.drag(self.page.screen(tuple(start)), self.page.screen(tuple(end)))
+            self.page.release()
+
         before = self.newest
         self.page.wait_for_node(f"/edit/{handle}")
-        node = f"window.__viserMutable.nodeRefFromName['/edit/{handle}']"
-        start = list(self.page.still(f"{node}.position.toArray()"))
-        start[axis] += 8.0 if handle == "size" else 13.0
-        end = list(start)
-        end[axis] += length
-        self.page.drag(self.page.screen(tuple(start)), self.page.screen(tuple(end)))
-        self.page.release()
+        self.gesture(make)
         wanted = place_of(before) + 1e-3 * length
         return before, self.changed(before.undoable, lambda told: abs(place_of(told) - wanted) < 0.003)
 
