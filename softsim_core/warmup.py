@@ -211,8 +211,8 @@ def _mark(kind: str = "ready") -> Path | None:
 
     cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
     features = os.environ.get("NUMBA_CPU_FEATURES") or binding.get_host_cpu_features().flatten()
-    told = [*(each.name for each in compilers), numba.__version__, sys.version, cpu, features]
-    return folder / f"{kind}-{hashlib.sha256(repr(told).encode()).hexdigest()[:16]}"
+    versions = [*(each.name for each in compilers), numba.__version__, sys.version, cpu, features]
+    return folder / f"{kind}-{hashlib.sha256(repr(versions).encode()).hexdigest()[:16]}"
 
 
 def _end_with_parent(parent: int) -> None:

@@ -59,7 +59,7 @@ class GuardedNode(Node):
         return super().create_service(srv_type, srv_name, behind, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As rclpy's; a name that is not declared is refused in a sentence, with the nearest ones.
+        """As rclpy's; a name that is not declared is refused with a message that lists the nearest ones.
 
         Whole numbers are taken where numbers are declared: `2` for `2.0`.
         """

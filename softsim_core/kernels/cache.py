@@ -122,7 +122,7 @@ class Place:
         return self._content
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of one name in one file apart."""
+        """Return the line of the function: it distinguishes functions of one name in one file."""
         return str(self._line)
 
 

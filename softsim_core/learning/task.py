@@ -146,7 +146,7 @@ class Moment:
 
     @property
     def effector_force(self) -> Array:
-        """See Senses; as an IMU tells it, the mean over the last step."""
+        """See Senses; as an IMU measures it, the mean over the last step."""
         return self._inertial[0]
 
     @cached_property

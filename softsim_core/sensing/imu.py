@@ -106,13 +106,13 @@ class Imu(Sensor):
         return bool(self.noise.any() or self._turning)
 
     def measure(self, seen: Seen) -> Array:
-        """Specific force, angular rate, and the orientation where it is told, shape (6,) or (10,)."""
+        """Specific force, angular rate, and the orientation where it is measured, shape (6,) or (10,)."""
         model, place = seen.model, self._place
         (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
         now = place.pose(model, seen.state)[1]
         force, rate = inertial(earlier[None], velocity[None], spin[None], now[None], model.gravity, model.dt)
-        told = (force[0], rate[0])
-        return np.concatenate(told if self._turning is None else (*told, quaternion_of(now)))
+        motion = (force[0], rate[0])
+        return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
 
     def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
         """See Sensor; an orientation is turned a little further, about axes of the unit."""
