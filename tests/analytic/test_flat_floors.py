@@ -52,6 +52,7 @@ def sample() -> list[Slide]:
     return cases
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", sample(), ids=lambda case: f"{case.body}-{case.floor}")
 def test_a_sample_slides_as_on_a_plane(case: Slide, tmp_path: Path) -> None:
     check(case, tmp_path)

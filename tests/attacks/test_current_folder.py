@@ -140,6 +140,7 @@ def test_no_child_of_a_program_imports_from_the_current_folder(
     assert hostile.imported == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 imports before any program runs")
 @pytest.mark.parametrize("module", ["softsim_core.warmup", "softsim_ros.cli", "servo_bridge.bridge_node"])
 def test_a_module_that_is_run_by_hand_imports_nothing_from_there(hostile: HostileFolder, module: str) -> None:
@@ -150,6 +151,7 @@ def test_a_module_that_is_run_by_hand_imports_nothing_from_there(hostile: Hostil
     assert hostile.imported == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["", ":{beside}", "{beside}:", "{beside}::{beside}"])
 def test_the_launcher_imports_nothing_from_there(hostile: HostileFolder, tmp_path: Path, path: str) -> None:
     """With an environment, and without one: then it asks each Python what it can do."""

@@ -17,6 +17,7 @@ def steppers() -> int:
     return sum(type(each) is NumbaStepper for each in gc.get_objects())
 
 
+@pytest.mark.slow
 def test_rebuilt_copies_leave_no_stepper_behind() -> None:
     robot = load_scene("tripod")
     batch = Batch(robot, 1)

@@ -32,6 +32,7 @@ ROBOT = RobotDescription(
 )
 
 
+@pytest.mark.slow
 def test_close_reaches_the_safe_pose_while_the_executor_spins(client: Any, tmp_path: Path) -> None:
     with VirtualBoard(servos=2, link=tmp_path / "two") as board:
         overrides = {"port": board.port, "autostart": "activate", "open_wait_s": 0.0}

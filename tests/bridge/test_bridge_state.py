@@ -33,6 +33,7 @@ def bridge_of(client: Any, board: Any) -> ServoBridge:
     )
 
 
+@pytest.mark.slow
 def test_the_bridge_tells_its_state(
     client: Any, board: Any, stream: Callable[..., Any], wait_until: Callable[..., bool]
 ) -> None:
@@ -79,6 +80,7 @@ def test_the_bridge_tells_its_state(
     assert [label for label in labels if label not in ("activating", "cleaningup")][:6] == through
 
 
+@pytest.mark.slow
 def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
     def fail() -> None:
         raise RuntimeError("no publisher")
@@ -115,6 +117,7 @@ def test_it_stays_latched_where_waiting_commands_cannot_be_dropped(client: Any) 
         bridge.destroy_node()
 
 
+@pytest.mark.slow
 def test_a_command_that_waited_through_a_stop_is_not_followed_after_it(
     client: Any, board: Any, wait_until: Callable[..., bool]
 ) -> None:

@@ -121,6 +121,7 @@ def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
     assert board.accepted == before
 
 
+@pytest.mark.slow
 def test_its_clearing_moves_nothing_before_the_next_command(
     start_bridge: Starter, client: Any, board: VirtualBoard
 ) -> None:

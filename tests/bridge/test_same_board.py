@@ -142,6 +142,7 @@ def test_twenty_strangers_on_the_link_are_told_no_motion(original: VirtualBoard,
         bridge.session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_grace")
 def test_a_silent_board_without_usb_is_not_opened_again(tmp_path: Path) -> None:
     """Nothing tells it from another one; after cleanup and configure it is driven."""
@@ -155,6 +156,7 @@ def test_a_silent_board_without_usb_is_not_opened_again(tmp_path: Path) -> None:
         assert Bridge(board.port).drives(board)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_grace")
 def test_a_port_lost_before_its_board_spoke_is_opened_again_for_one_that_speaks(
     original: VirtualBoard, tmp_path: Path
@@ -176,6 +178,7 @@ def test_a_port_lost_before_its_board_spoke_is_opened_again_for_one_that_speaks(
     bridge.session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_grace")
 def test_a_board_driven_before_it_said_its_number_is_not_opened_again(original: VirtualBoard) -> None:
     original.model.answer = lambda now: b""  # it never says it
@@ -190,6 +193,7 @@ def test_a_board_driven_before_it_said_its_number_is_not_opened_again(original: 
     bridge.session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_grace")
 def test_a_silent_board_is_known_by_its_usb_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chip = ["USB 2341:0043 serial number 7"]

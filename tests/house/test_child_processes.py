@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from source_trees import tree_of
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 SOURCES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "docs", "examples", "build_backend")
 
@@ -29,7 +31,7 @@ MAY_START = {
 def files() -> Iterator[tuple[str, ast.Module]]:
     for folder in SOURCES:
         for file in sorted((REPOSITORY / folder).rglob("*.py")):
-            yield str(file.relative_to(REPOSITORY)), ast.parse(file.read_text())
+            yield str(file.relative_to(REPOSITORY)), tree_of(file)
 
 
 def starts(tree: ast.Module) -> Iterator[int]:

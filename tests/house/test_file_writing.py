@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from source_trees import tree_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
@@ -68,14 +69,14 @@ def test_no_file_is_opened_for_writing_elsewhere(package: str) -> None:
         f"{name}:{line}: {call}"
         for file in sorted((REPOSITORY / package).rglob("*.py"))
         if (name := str(file.relative_to(REPOSITORY))) not in ELSEWHERE
-        for line, call in writing_calls(ast.parse(file.read_text(encoding="utf-8")))
+        for line, call in writing_calls(tree_of(file))
     ]
     assert found == [], "use write_file or open_in_place of softsim_core.file_writing"
 
 
 def test_each_exception_still_writes() -> None:
     for name in ELSEWHERE:
-        assert list(writing_calls(ast.parse((REPOSITORY / name).read_text(encoding="utf-8")))), name
+        assert list(writing_calls(tree_of(REPOSITORY / name))), name
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ def broken(row: int, cell: object) -> list[object]:
     return values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("edit", "sentence"),
     [
@@ -225,6 +226,7 @@ def test_displacements_need_a_zero(tmp_path: Path) -> None:
         in_time(tmp_path, 0.0, {"t_s": ring(0.0)[0] + 1.0})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -205,6 +205,7 @@ def test_pictures_show_the_robot() -> None:
     assert not np.array_equal(*pictures)
 
 
+@pytest.mark.slow
 def test_an_id_with_its_module_needs_no_import() -> None:
     code = "import gymnasium; print(gymnasium.make('softsim_core.learning:softsim/TripodReach-v0').spec.id)"
     done = subprocess.run(

@@ -247,6 +247,7 @@ CHAIN = """
 """
 
 
+@pytest.mark.slow
 def test_a_soft_body_on_a_chain_of_springs_bends_it_alike(tmp_path: Path) -> None:
     made = imported(tmp_path, CHAIN, LAW)
     assert made.scene.attachments[0].to == "b"

@@ -21,6 +21,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_import_writes_a_scene_that_runs(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     assert main(["mjcf", "import", str(SERVO)]) == 0
@@ -40,6 +41,7 @@ def test_import_writes_a_scene_that_runs(capsys: pytest.CaptureFixture[str]) -> 
     assert load_scene(Path("other/servo_beam.yaml")).scene.bodies[0].material.law == "saint_venant_kirchhoff"
 
 
+@pytest.mark.slow
 def test_wrong_words_are_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     for words, said in (

@@ -37,6 +37,7 @@ def namesakes(ros_domain: int) -> Iterator[list[Node]]:
         context.try_shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(4))
 def test_the_one_of_several_namesakes_that_offers_a_service_is_met(
     ros_domain: int, namesakes: list[Node], index: int

@@ -124,6 +124,7 @@ def expected(file: Path, commands: list[float]) -> np.ndarray:
     return policy.command(heard)[0]
 
 
+@pytest.mark.slow
 def test_it_commands_what_the_environment_would(
     start_policy: Callable[..., Bench], spin_until: Any, tmp_path: Path
 ) -> None:
@@ -144,6 +145,7 @@ def test_it_commands_what_the_environment_would(
     assert len(bench.commands) <= sent + 1  # one may have been on its way
 
 
+@pytest.mark.slow
 def test_it_stays_off_until_all_is_heard_and_holds_when_it_is_not(
     start_policy: Callable[..., Bench], spin_until: Any
 ) -> None:
@@ -167,6 +169,7 @@ def test_it_stays_off_until_all_is_heard_and_holds_when_it_is_not(
     assert bench.enabled.value is True
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_not_as_it_was_learned_with_ends_it(
     start_policy: Callable[..., Bench], spin_until: Any
 ) -> None:

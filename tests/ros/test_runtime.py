@@ -118,6 +118,7 @@ sys.exit(process.run_node(Program(name="trial", about="Tries."), lambda _: Hangi
 """
 
 
+@pytest.mark.slow
 def test_a_node_that_hangs_at_its_end_is_ended_and_shows_where(ros_domain: int) -> None:
     ended = subprocess.run(
         [sys.executable, "-c", HANGING], capture_output=True, text=True, check=False, timeout=DEADLINE_S

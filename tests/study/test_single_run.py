@@ -133,6 +133,7 @@ def leaves(simulation):
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_sleeps_is_left_at_its_time_limit(tmp_path: Path) -> None:
     measure = [{"name": "told", "of": "python", "function": "sleeps.py:asleep"}]
     (tmp_path / "sleeps.py").write_text(SLEEPS)

@@ -215,6 +215,7 @@ def test_a_store_is_not_made_through_a_link(tmp_path: Path) -> None:
 GOOD = {"run": 0, "status": 2, "error": "", "columns": {}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [

@@ -290,6 +290,7 @@ def test_undoing_all_gives_the_same_bytes_and_saving_the_same_scene(seed: int) -
     assert one.text == final
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, path in known_scenes().items() if path.suffix == ".yaml"])
 def test_every_shipped_file_takes_an_edit_with_one_line_and_gives_it_back(name: str) -> None:
     file = known_scenes()[name]

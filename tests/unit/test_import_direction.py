@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from source_trees import tree_of
 
 from softsim_core.scene.robot import RobotDescription
 
@@ -157,14 +158,9 @@ def sources(package: str) -> list[Path]:
 
 
 @functools.cache
-def parsed(file: Path) -> ast.Module:
-    return ast.parse(file.read_text())
-
-
-@functools.cache
 def imported(file: Path) -> list[tuple[str, int]]:
     package = ".".join(file.relative_to(REPOSITORY).parent.parts)
-    return list(imports(parsed(file), package))
+    return list(imports(tree_of(file), package))
 
 
 def within(name: str, modules: tuple[str, ...]) -> bool:
@@ -244,7 +240,7 @@ def test_the_physics_does_not_mention_keys_boards_poses_views_or_ros() -> None:
     found = [
         f"{file.relative_to(REPOSITORY)}:{line} says {word}"
         for file in physics()
-        for word, line in robot_words(parsed(file))
+        for word, line in robot_words(tree_of(file))
     ]
     assert found == []
 
@@ -263,7 +259,7 @@ def test_functions_of_the_core_take_at_most_eight_arguments() -> None:
     """But for compiled kernels, which take named groups of arrays beside numbers."""
     found = []
     for file in sources("softsim_core"):
-        for node in ast.walk(parsed(file)):
+        for node in ast.walk(tree_of(file)):
             if isinstance(node, ast.FunctionDef):
                 marks = {ast.unparse(mark) for mark in node.decorator_list}
                 names = [
@@ -308,7 +304,7 @@ def test_the_bridge_uses_only_errors_units_limits_and_robot_configs() -> None:
 
 def library_part(file: Path) -> Iterator[ast.AST]:
     """Everything in a module but the blocks that run when it is a program (`if __name__ == "__main__"`)."""
-    for node in parsed(file).body:
+    for node in tree_of(file).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test).startswith("__name__ ==")):
             yield from ast.walk(node)
 

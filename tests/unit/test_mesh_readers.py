@@ -103,6 +103,7 @@ def packed_zeros(megabytes: int, compress: Callable[[bytes], bytes]) -> str:
     return (base64.b64encode(header.tobytes()) + base64.b64encode(megabytes * block)).decode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("declared", [8, 25_000_000, 10**17], ids=["few", "as many as there are", "too many"])
 @pytest.mark.parametrize(
     ("compressor", "compress"), [("ZLib", zlib.compress), ("LZMA", lzma.compress)], ids=["zlib", "lzma"]

@@ -64,6 +64,7 @@ def test_random_matrices_of_any_scale(scale: float) -> None:
         assert distance <= nearest * (1.0 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "matrix",
     [

@@ -38,6 +38,7 @@ def typos(file: Path, count: int) -> list[tuple[int, int, str, str]]:
     return wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_misspelt_key_is_named_with_its_line_and_column(file: Path, tmp_path: Path) -> None:
     for folder in CONFIGS.iterdir():

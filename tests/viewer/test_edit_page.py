@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,12 @@ LATE_S = 10.0
 """A gesture without a change for so long in [s] has missed."""
 
 
+@lru_cache(maxsize=4)
+def read(text: str) -> Proposal:
+    """What a message tells; a wait asks for it again and again, and would take a core from the page."""
+    return read_proposal(text)
+
+
 class Editor:
     """The page of a finger that is edited, and what its simulator tells."""
 
@@ -61,7 +68,7 @@ class Editor:
 
     @property
     def newest(self) -> Proposal:
-        return read_proposal(self.told[-1].data)
+        return read(self.told[-1].data)
 
     def until(self, condition: Callable[[], Any]) -> bool:
         return self._until(condition)
@@ -77,7 +84,7 @@ class Editor:
     @property
     def history(self) -> list[tuple[int, str]]:
         """What was told: changes that can be undone, and the sentence."""
-        told = [read_proposal(each.data) for each in self.told]
+        told = [read(each.data) for each in self.told]
         return [(each.undoable, each.sentence) for each in told]
 
     def begin(self) -> None:
