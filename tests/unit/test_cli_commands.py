@@ -112,11 +112,12 @@ def test_a_shown_scene_tells_meshes_made_in_python_and_mistakes(
 def test_the_suite_passes_its_arguments_to_pytest(tmp_path: Path) -> None:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     suite.configure(parser)
-    arguments, arguments.rest = parser.parse_known_args(["--quick", "tests/unit", "-k", "codec"])
+    given = ["--quick", "--workers", "5", "tests/unit", "-k", "codec"]
+    arguments, arguments.rest = parser.parse_known_args(given)
     words = suite.command(arguments, tmp_path)
     assert words[-3:] == ["tests/unit", "-k", "codec"]
     assert words[words.index(suite.QUICK) - 1] == "-m"
-    assert words[words.index("-n") :][:2] == ["-n", "2"]
+    assert words[words.index("-n") :][:2] == ["-n", "5"]
     assert str(suite.LIMIT_S[True]) in words
 
 
