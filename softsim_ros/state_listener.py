@@ -26,10 +26,12 @@ class StateListener:
     Attributes:
         value: The fact: True or False, a text, or the message of topics of another type. None while no
             publisher lives: none was found yet, it has ended, or its process has been dead for LEASE_S.
+        is_matched: Whether a publisher is known, alive or silent; one that has ended is not.
     """
 
     def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
         self.value: Any = None
+        self.is_matched = False
         self._node, self._newest, self._changed = node, None, changed
         self._alive = 0
         events = SubscriptionEventCallbacks(liveliness=self._on_liveliness, matched=self._on_matched)
@@ -48,7 +50,8 @@ class StateListener:
 
     def _on_matched(self, status: Any) -> None:
         """The last publisher has ended, which the graph may not show yet when liveliness tells of it."""
-        if not status.current_count:
+        self.is_matched = status.current_count > 0
+        if not self.is_matched:
             self._alive = 0
             self._take(None)
 

@@ -33,7 +33,12 @@ class InverseSwitch:
         self._changed, self._warn = changed, warn
         self._enable = AsyncService(node, SetBool, f"{NAME}/enable")
         self._parameters = AsyncService(node, SetParametersAtomically, f"{NAME}/set_parameters_atomically")
-        StateListener(node, f"{NAME}/enabled", self._on_enabled)
+        self._state = StateListener(node, f"{NAME}/enabled", self._on_enabled)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it does not say that it lives, but has not ended: its process is paused, or cut off."""
+        return self._state.value is None and self._state.is_matched
 
     @property
     def service(self) -> str:

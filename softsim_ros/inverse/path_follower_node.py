@@ -31,7 +31,7 @@ from softsim_ros.inverse import answers
 from softsim_ros.inverse.inverse_switch import InverseSwitch
 from softsim_ros.inverse.path_follower_parameters import AUTO, LEAVE, FollowerSettings
 from softsim_ros.inverse.path_messages import effector_path
-from softsim_ros.inverse.path_player import PathPlayer
+from softsim_ros.inverse.path_player import PathPlayer, PlayerState
 from softsim_ros.inverse.robot import effector_rest
 from softsim_ros.messages import pose_stamped
 from softsim_ros.messages.diagnostics import OK, WARN
@@ -71,6 +71,8 @@ class PathFollower(RobotNode):
         self._problem = ""
         # An automatic start is due as soon as the others are found, at the latest at this time.
         self._start_by: float | None = None
+        # What the path did when the inverse controller fell silent; None while it is heard.
+        self._before_silence: PlayerState | None = None
         # A path whose inverse controller refused to be switched on: when to ask again, when to give up.
         self._refused: tuple[EffectorPath, float, float] | None = None
         simulated = bool(self.get_parameter("use_sim_time").value)
@@ -169,6 +171,7 @@ class PathFollower(RobotNode):
 
     def _begin_path(self, path: EffectorPath) -> None:
         self._player.start(path)
+        self._before_silence = None
         self._ticked_at = self._now()
         self._state_topics.refresh()
 
@@ -216,8 +219,17 @@ class PathFollower(RobotNode):
         return read_path(self._found(self._file), start)
 
     def _on_inverse(self, is_on: bool) -> None:
-        """The inverse controller was seen to go on or off."""
-        if is_on and self._player.state != "running" and self._live.values.start_with_inverse:
+        """The inverse controller was seen to go on or off, or is not heard any more."""
+        before, self._before_silence = self._before_silence, None
+        if is_on and before is not None:
+            self._problem = ""
+            if before == "running" and self._player.state == "paused":
+                self.pause(False)
+        elif not is_on and self._inverse.is_silent and self._player.state in ("running", "paused"):
+            self._before_silence = self._player.state
+            self.pause(True)
+            self._warn("waiting: the inverse controller is silent")
+        elif is_on and self._player.state != "running" and self._live.values.start_with_inverse:
             self._attempt_start()
         elif not is_on and self._player.state in ("running", "paused"):
             self._player.stop()
@@ -301,6 +313,8 @@ class PathFollower(RobotNode):
             self._progress.publish(Float64(data=self._player.percent))
 
     def _publish_diagnostics(self) -> None:
+        if self._before_silence is not None and not self._inverse.is_silent:
+            self._on_inverse(is_on=False)  # it has ended in its silence
         player = self._player
         values: dict[str, object] = {
             "state": player.state if self._enabled else "off",

@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -191,6 +192,31 @@ def test_it_starts_when_inverse_control_is_switched_on(
     assert spin_until(lambda: len(bench.goals) > 0)
     assert client.node.destroy_publisher(enabled)  # as where the controller ends
     assert spin_until(lambda: bench.follower._player.state == "idle")
+
+
+def test_a_path_waits_for_a_controller_that_is_silent(
+    start_follower: Any, client: Any, spin_until: Any
+) -> None:
+    """A process that the machine pauses for seconds goes on where it was; one that has ended does not."""
+    bench = start_follower(start_with_inverse=True, loop=True)
+    follower = bench.follower
+    enabled = client.node.create_publisher(Bool, "inverse_controller/enabled", STATE_QOS)
+    enabled.publish(Bool(data=True))
+    assert spin_until(lambda: follower._player.state == "running")
+    lease = follower._inverse._state._on_liveliness
+    lease(SimpleNamespace(alive_count_change=-1))
+    assert follower._problem == "waiting: the inverse controller is silent"
+    assert spin_until(lambda: bench.tells(playing=False, paused=True))
+    lease(SimpleNamespace(alive_count_change=1))
+    assert follower._problem == ""
+    assert spin_until(lambda: bench.tells(playing=True, paused=False))
+    assert bench.switch("pause", True)[0]
+    lease(SimpleNamespace(alive_count_change=-1))
+    lease(SimpleNamespace(alive_count_change=1))
+    assert follower._player.state == "paused"  # as a person left it
+    lease(SimpleNamespace(alive_count_change=-1))
+    assert client.node.destroy_publisher(enabled)
+    assert spin_until(lambda: follower._player.state == "idle")
 
 
 def path_message(frame: str = "world", spacing: float = 0.2) -> PathMessage:
