@@ -6,6 +6,11 @@ Each checkout has an environment in .softsim/venv. The mutations follow from the
 checkouts: files that differ among them are left out. A mutation is killed where a test fails that passes
 without it. The tests are those that `softsim test PATH` runs for the file; they run with -x, without those of
 packaging and the exhaustive ones. A run that was interrupted goes on where it was: the output is kept.
+
+With --executed, a folder for each checkout in which the plugin executed_functions has written what a whole
+run of its suite executed, tests that run the changed function come first, the quickest in front, and of the
+others only those that start processes: the rest cannot notice. Functions that no test runs in its own
+process, such as kernels, have all their tests.
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -170,29 +176,77 @@ def applied(root: Path, mutation: Mutation) -> Iterator[None]:
                 shutil.copytree(f"{kept}/{number}", folder, dirs_exist_ok=True)
 
 
+class Executed:
+    """Which tests of a checkout run a function in their own process, by what the plugin wrote in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._seconds: dict[str, float] = {}
+        self._tests: dict[tuple[str, int], set[str]] = defaultdict(set)
+        fixtures: dict[tuple[str, int], set[str]] = defaultdict(set)
+        for line in (line for file in folder.glob("executed_*.jsonl") for line in file.open()):
+            row = json.loads(line)
+            self._seconds[row["id"]] = self._seconds.get(row["id"], 0.0) + row["seconds"]
+            for file, number in row["functions"]:
+                self._tests[file, number].add(row["id"])
+                if row["when"] == "setup":
+                    fixtures[file, number].add(row["id"].partition("::")[0])
+        for test in self._seconds:  # what a fixture of a module ran serves all of its tests
+            for function, files in fixtures.items():
+                if test.partition("::")[0] in files:
+                    self._tests[function].add(test)
+
+    def tests_of(self, root: Path, mutation: Mutation) -> list[str]:
+        """Tests that run the function around a mutation, the quickest first; empty where none does."""
+        around = [
+            min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            for node in ast.walk(ast.parse((root / mutation.file).read_bytes()))
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+            and node.lineno <= mutation.line <= (node.end_lineno or 0)
+        ]
+        tests = self._tests.get((mutation.file, max(around)), ()) if around else ()
+        return sorted(tests, key=lambda test: self._seconds[test])
+
+
 def run(root: Path, tests: list[str]) -> tuple[int, list[str]]:
     """Run tests until one fails; returns pytest's exit code (-1: out of time) and what failed."""
     words = [str(root / ".softsim/venv/bin/python"), "-m", "pytest", "-n", "0", "-x", "-q", "-rfE"]
-    words += ["-p", "no:cacheprovider", "-m", "not exhaustive and not packaging", *tests]
-    process = subprocess.Popen(
-        words, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-    )
-    try:
-        output, _ = process.communicate(timeout=LIMIT_S)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, 9)
-        process.communicate()
-        return -1, []
+    words += ["-p", "no:cacheprovider", "-m", "not exhaustive and not packaging"]
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as names:
+        names.write("\n".join(tests))
+        names.flush()
+        process = subprocess.Popen(
+            [*words, f"@{names.name}"],
+            cwd=root,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, 9)
+            process.communicate()
+            return -1, []
     return process.returncode, re.findall(r"^(?:FAILED|ERROR) (tests/\S+?)(?: - .*)?$", output, re.MULTILINE)
 
 
-def judged(root: Path, mutation: Mutation) -> dict[str, object]:
+def judged(root: Path, mutation: Mutation, executed: Executed | None) -> dict[str, object]:
     """What the tests say of a mutation."""
-    tests = [file for word in covering_words(mutation.file) for file in files_of(word, root)]
-    tests = [file for file in tests if (root / file).exists()]
-    began = time.monotonic()
+    covering = [file for word in covering_words(mutation.file) for file in files_of(word, root)]
+    covering = [file for file in covering if (root / file).exists()]
+    direct = executed.tests_of(root, mutation) if executed is not None else []
+    if direct:
+        files = [
+            each for name in covering for each in (sorted((root / name).rglob("test_*.py")) or [root / name])
+        ]
+        covering = [str(file.relative_to(root)) for file in files if "mark.ros" in file.read_text()]
+    began, code, failed = time.monotonic(), 0, list[str]()
     with applied(root, mutation):
-        code, failed = run(root, tests)
+        for tests in filter(None, (direct, covering)):
+            if code in (0, 5):  # 5: all of them were deselected
+                code, failed = run(root, tests)
+    code = 0 if code == 5 else code
     verdict = {0: "survived", -1: "out of time"}.get(code, "killed")
     if failed and run(root, failed[:1])[0] != 0:
         verdict = "fails without the mutation"
@@ -204,20 +258,22 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("checkouts", nargs="+", type=Path, metavar="CHECKOUT")
+    parser.add_argument("--executed", nargs="+", type=Path, default=[], help="folder of each checkout")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=sum(COUNTS.values()), help="the first of them only")
     parser.add_argument("--out", type=Path, required=True, help="results are added here, one JSON a line")
     parser.add_argument("--list", action="store_true", help="show the mutations and run nothing")
     arguments = parser.parse_args()
     roots = [each.resolve() for each in arguments.checkouts]
+    executed = [Executed(each) for each in arguments.executed] or [None] * len(roots)
     done = arguments.out.read_text().splitlines() if arguments.out.exists() else []
     known = {(row["checkout"], row["file"], row["start"], row["kind"]) for row in map(json.loads, done)}
     for mutation in drawn(roots, arguments.seed)[: arguments.count]:
         print(f"{mutation.file}:{mutation.line}: {mutation.kind}: {mutation.before} -> {mutation.after}")
-        for root in roots:
+        for root, runs in zip(roots, executed, strict=True):
             if arguments.list or (str(root), mutation.file, mutation.start, mutation.kind) in known:
                 continue
-            row = {"checkout": str(root), **asdict(mutation), **judged(root, mutation)}
+            row = {"checkout": str(root), **asdict(mutation), **judged(root, mutation, runs)}
             print(f"    {root}: {row['verdict']} {row['by']} {row['seconds']} s", flush=True)
             with arguments.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
