@@ -68,6 +68,15 @@ _VTK_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_POINTS", "STRUCTURED_GRID", "RECT
 """Data sets of legacy VTK files that can be read."""
 _MAGIC = ((b"ply\n", ".ply"), (b"ply\r", ".ply"), (b"$MeshFormat", ".msh"))
 """First bytes of formats that can be told by them alone."""
+_NOT_READ = (
+    (rb"ISO-10303-21;", "STEP"),
+    (rb"glTF", "binary glTF"),
+    (rb"PK\x03\x04", "zip, which 3MF and others are"),
+    (rb"\x89HDF", "HDF5, which MED, CGNS and others are"),
+    (rb"\x1f\x8b", "gzip"),
+    (rb"\(\d+ ", "ANSYS Fluent"),
+)
+"""First bytes of formats that are not read, as patterns, and their names."""
 _Cells = dict[str, list[IndexArray]]
 _Groups = tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, dict[str, IndexArray]]]
 
@@ -204,6 +213,9 @@ def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
 def _read(file: Path) -> _Contents:
     suffix = file.suffix.lower()
     if suffix not in (*SUFFIXES, ".vtp"):
+        if file.is_file():
+            with file.open("rb") as stream:
+                _refuse_other_formats(stream.read(64), file)
         raise MeshError(
             file, f"suffix {file.suffix!r} names no known format; known are {', '.join(SUFFIXES)}"
         )
@@ -215,6 +227,7 @@ def _read(file: Path) -> _Contents:
         raise MeshError(file, f"cannot be read: {error.strerror or error}") from error
     if not data.strip():
         raise MeshError(file, "is empty; export the mesh again")
+    _refuse_other_formats(data, file)
     suffix = _suffix_of_content(data, file) or suffix
     if suffix == ".stl":
         points, triangles = parse_stl(data, file)
@@ -233,6 +246,16 @@ def _read(file: Path) -> _Contents:
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix], data)
     _refuse_cut_off(data, suffix, contents.cells, file)
     return contents
+
+
+def _refuse_other_formats(data: bytes, file: Path) -> None:
+    name = next((name for pattern, name in _NOT_READ if re.match(pattern, data)), None)
+    if name is not None:
+        raise MeshError(
+            file,
+            f"is a file of the format {name}, which is not read; export a surface as STL, OBJ or PLY, "
+            "a volume mesh for Gmsh or VTK",
+        )
 
 
 def _suffix_of_content(data: bytes, file: Path) -> str | None:

@@ -246,6 +246,24 @@ def test_a_vtk_file_of_another_kind_is_called_that(
             read(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "format_name"),
+    [
+        ("part.msh", '(1 "fluent")\n(2 3)\n(10 (0 1 a2 0))\n', "ANSYS Fluent"),
+        ("part.stl", "ISO-10303-21;\nHEADER;\n", "STEP"),
+        ("part.ply", "PK\x03\x04 and more", "zip"),
+        ("part.glb", "glTF and more", "binary glTF"),
+    ],
+)
+def test_a_file_of_another_format_is_called_that(
+    tmp_path: Path, name: str, content: str, format_name: str
+) -> None:
+    path = written(tmp_path, name, content)
+    for read in (read_tets, read_surface):
+        with pytest.raises(MeshError, match=f"is a file of the format {format_name}"):
+            read(path)
+
+
 def test_stl_triangle_without_area_is_dropped_with_a_warning(tmp_path: Path) -> None:
     text = f"solid\n{ONE_FACET}{ONE_FACET.replace('1 0 0', '0 0 0')}endsolid\n"
     with pytest.warns(UserWarning, match=r"part\.stl: 1 of 2 triangles with two equal corners dropped"):
