@@ -93,14 +93,14 @@ def along_curve(
         Places in [m], shape (count, 3), unit tangents, shape (count, 3), and the length in [m].
 
     Raises:
-        MeshError: two points in a row coincide.
+        MeshError: two points in a row coincide, or are too near for the length of the whole.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if len(points) < 2 or not (np.isfinite(steps).all() and (steps > 0.0).all()):
         raise MeshError(name, "needs two or more points of its centreline, none of them twice in a row")
     from scipy.interpolate import CubicSpline  # late: only scenes with rods need it
 
-    chords = np.concatenate([[0.0], np.cumsum(steps)])
+    chords = _increasing(steps, name)
     if len(points) == 2 and directions[0] is None and directions[1] is None:
         even = np.linspace(0.0, 1.0, count)[:, None]
         tangent = (points[1] - points[0]) / chords[-1]
@@ -113,10 +113,18 @@ def along_curve(
     speeds = np.linalg.norm(spline(fine, 1), axis=1)
     middle = np.linalg.norm(spline(0.5 * (fine[1:] + fine[:-1]), 1), axis=1)
     pieces = np.diff(fine) / 6.0 * (speeds[1:] + 4.0 * middle + speeds[:-1])
-    lengths = np.concatenate([[0.0], np.cumsum(pieces)])
+    lengths = _increasing(pieces, name)
     at = CubicSpline(lengths, fine)(np.linspace(0.0, lengths[-1], count))
     tangents = spline(at, 1)
     return spline(at), tangents / np.linalg.norm(tangents, axis=1, keepdims=True), float(lengths[-1])
+
+
+def _increasing(pieces: Array, name: str) -> Array:
+    """Lengths up to each place of a line, of the lengths of its pieces: shape (p + 1,) of (p,)."""
+    lengths = np.concatenate([[0.0], np.cumsum(pieces)])
+    if not (np.diff(lengths) > 0.0).all():
+        raise MeshError(name, f"has points of its centreline too near for its length of {lengths[-1]:.3g} m")
+    return lengths
 
 
 def carried_axes(tangents: Array, first_axis: Array, name: str = "rod") -> Array:

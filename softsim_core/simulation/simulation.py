@@ -25,6 +25,7 @@ from softsim_core.errors import (
     MaterialError,
     SceneError,
     SnapshotError,
+    SoftSimError,
     SolverDivergedError,
 )
 from softsim_core.fem.locking import locking_warning
@@ -73,7 +74,13 @@ class Simulation(SceneState):
         like: Simulation | None = None,
     ) -> None:
         self.robot = as_robot(scene)
-        super().__init__(self.robot.scene, backend, like)
+        try:
+            super().__init__(self.robot.scene, backend, like)
+        except SoftSimError:
+            raise
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            what = f"scene {self.robot.name!r} cannot be built: {type(error).__name__}: {error}"
+            raise SceneError(f"{what}; look for a value that is far too large, or far too small") from error
         self._last_good = self.model.rest_state()
         self._drive = JointDrive(self.robot)
         self._bases = MovableBases(self.model)

@@ -366,6 +366,7 @@ def test_what_a_rod_is_not(change: dict[str, object], sentence: str) -> None:
     [
         ({"centreline": ((0.0, 0.0, 0.0),)}, "two or more points"),
         ({"centreline": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))}, "none of them twice"),
+        ({"centreline": ((0.0, 2.0**63, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0))}, "too near for its length"),
         ({"first_axis": (1.0, 0.0, 0.0)}, "first_axis"),
         ({"elements": 0}, "elements must be 1 to 100000"),
         ({"length": 0.2}, "as long as its centreline"),

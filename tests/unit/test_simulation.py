@@ -40,6 +40,15 @@ def test_what_is_assigned_to_forces_is_converted_once_or_refused(backend: Backen
     np.testing.assert_array_equal(sims[0].forces, before)
 
 
+def test_what_fails_while_a_scene_is_built_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("softsim_core.simulation.scene_state.build", fails)
+    with pytest.raises(SceneError, match="cannot be built: LinAlgError: Singular matrix; look for a value"):
+        Simulation(machine(), "scipy")
+
+
 def test_a_control_for_another_model_is_refused(backend: Backend) -> None:
     sim = Simulation(machine(), backend=backend)
     joints, nodes = len(sim.joint_names), len(sim.positions)
