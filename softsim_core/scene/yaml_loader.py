@@ -64,7 +64,9 @@ def _loaded(
 
 def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> SourcedMapping:
     """The data of a file laid over the arm that it describes."""
-    file, described = data.file_of("arm") or path, data.pop("arm")
+    file, place, described = data.file_of("arm") or path, data.places.get("arm"), data.pop("arm")
+    if not isinstance(described, SourcedMapping):
+        raise ConfigError(file, "arm", "must be a mapping of urdf and others", place)
     arm = structured(described, ArmDescription, file, at="arm", find_files=False)
     arm = replace(arm, urdf=relative_to_file(arm.urdf, file))
 

@@ -235,6 +235,8 @@ def scene(folder: Path, arm: str, rest: str = "") -> Path:
     [
         ("{urdf: nothing.urdf}", "nothing.urdf: cannot be read"),
         ("{}", "arm.urdf: is missing"),
+        ("my_arm.urdf", "line 2, column 1: arm: must be a mapping"),
+        ("[]", "line 2, column 1: arm: must be a mapping"),
         (
             f"{{urdf: {ARM}, start: {{elbow: 1.0}}}}",
             "arm: start names the joint 'elbow'; did you mean elbow_pitch? known: base_yaw,",
