@@ -95,8 +95,13 @@ message = contact_cloud(Time(), "world", Simulation(load_scene("tripod_ball"), b
 shutil.copy({str(REPOSITORY / "configs/parts/fin_ray_finger.stl")!r}, "finger.stl")
 """,
     "sweep": """
+import pathlib, yaml
+from softsim_core.scene.files import config_file
 from softsim_ros.cli.app import main
-assert main(["sweep", "finger_bend"]) == 0
+study = yaml.safe_load(config_file("studies/finger_bend.yaml").read_text())
+study["design"]["samples"] = 4
+pathlib.Path("finger_bend.yaml").write_text(yaml.safe_dump(study))
+assert main(["sweep", "finger_bend.yaml", "--workers", "1"]) == 0
 """,
 }
 """What the text of a page takes for granted, as Python before its blocks."""
