@@ -6,6 +6,8 @@ each with the release that it follows. Where the package itself is installed (ap
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import importlib.util
 import json
 import os
@@ -22,6 +24,9 @@ import pytest
 
 DEFINITIONS = Path(__file__).parent / "interfaces"
 PREFIX = Path(sys.prefix)
+MADE = Path(__file__).resolve().parents[1] / ".softsim" / "interfaces"
+"""Where packages stay once they are made; their libraries hold the places of others, and cannot be moved."""
+
 GENERATORS = (
     "rosidl_adapter",
     "rosidl_generator_c",
@@ -50,18 +55,15 @@ def why_missing(name: str) -> str:
 
 
 @contextmanager
-def interface_package(name: str, folder: Path) -> Iterator[None]:
+def interface_package(name: str) -> Iterator[None]:
     """The package can be imported, in new processes, too; skips where none can be made."""
     if importlib.util.find_spec(name) is not None:
         yield
         return
     if missing := why_missing(name):
         pytest.skip(missing)
-    package = Package(name, folder)
-    package.generate()
-    package.compile()
     with pytest.MonkeyPatch.context() as patch:
-        place = str(folder / "python")
+        place = str(made(name) / "python")
         patch.syspath_prepend(place)
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [place, os.environ.get("PYTHONPATH")])))
         yield
@@ -69,12 +71,32 @@ def interface_package(name: str, folder: Path) -> Iterator[None]:
             del sys.modules[module]
 
 
+def made(name: str) -> Path:
+    """The folder of a package that was made here once, by whichever test came first."""
+    content = [file.read_bytes() for file in (Path(__file__), *sorted((DEFINITIONS / name).glob("*/*")))]
+    wheels = sorted(each.name for each in Path(sysconfig.get_paths()["purelib"]).glob("ros*.dist-info"))
+    digest = hashlib.sha256(b"\0".join([*content, *map(str.encode, [sys.version, str(PREFIX), *wheels])]))
+    folder = MADE / f"{name}-{digest.hexdigest()[:16]}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another worker may need it now, too
+        if not (folder / "whole").exists():
+            for part in folder.iterdir():
+                if part.is_dir():  # of a run that was ended meanwhile
+                    shutil.rmtree(part)
+            package = Package(name, folder)
+            package.generate()
+            package.compile()
+            (folder / "whole").touch()
+    return folder
+
+
 class Package:
     """A package on its way from definitions to Python.
 
     Args:
         name: Its name, a folder in DEFINITIONS.
-        folder: An empty one for everything that is made.
+        folder: One without folders for everything that is made.
     """
 
     def __init__(self, name: str, folder: Path) -> None:

@@ -28,9 +28,9 @@ START = [-0.3] * 3
 
 
 @pytest.fixture(scope="module")
-def control_msgs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def control_msgs() -> Iterator[None]:
     """The package control_msgs, here and in the processes of these tests."""
-    with interface_package("control_msgs", tmp_path_factory.mktemp("interfaces")):
+    with interface_package("control_msgs"):
         yield
 
 

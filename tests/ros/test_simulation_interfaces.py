@@ -30,9 +30,9 @@ def create_scene(scene):
 
 
 @pytest.fixture(scope="module")
-def simulation_interfaces(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def simulation_interfaces() -> Iterator[None]:
     """The package simulation_interfaces, here and in the processes of these tests."""
-    with interface_package("simulation_interfaces", tmp_path_factory.mktemp("interfaces")):
+    with interface_package("simulation_interfaces"):
         yield
 
 

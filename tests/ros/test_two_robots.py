@@ -31,9 +31,9 @@ HIGH, LOW = [-0.6, -0.6, -0.6], [-1.4, -1.4, -1.4]
 
 
 @pytest.fixture(scope="module")
-def tf2_msgs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def tf2_msgs() -> Iterator[None]:
     """The package tf2_msgs, here and in the processes of these tests."""
-    with interface_package("tf2_msgs", tmp_path_factory.mktemp("interfaces")):
+    with interface_package("tf2_msgs"):
         yield
 
 
