@@ -247,12 +247,16 @@ def test_a_policy_of_another_robot_does_not_start(start_policy: Callable[..., Be
         "environment",
         *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("simulator", "virtual board")),
         "emulated board",
+        pytest.param("emulated board, all goals", marks=pytest.mark.exhaustive),
     ],
 )
 def test_the_shipped_policy_reaches_goals(
     where: str, start_process: Any, client: Any, spin_until: Any, tmp_path: Path
 ) -> None:
-    """The same goals in turn: after three seconds each in the environment, each for a second on a robot."""
+    """The same goals in turn: after three seconds each in the environment, each for a second on a robot.
+
+    On the emulated board, which computes for all of that time, the first two of them are enough.
+    """
     random = np.random.default_rng(1)
     goals = np.array([TASKS[TASK].goal(random) for _ in range(5)])
     if where == "environment":
@@ -261,10 +265,13 @@ def test_the_shipped_policy_reaches_goals(
         assert np.median(errors) < 0.002
         assert errors.max() < 0.003
         return
-    if where == "emulated board" and (reason := why_missing()):
+    board = where.partition(",")[0]
+    if board == "emulated board" and (reason := why_missing()):
         assert not os.environ.get("REQUIRE_SIMAVR"), reason
         pytest.skip(reason)
-    goals_are_reached_by_nodes(where, goals, start_process, client, spin_until, tmp_path)
+    if where == "emulated board":
+        goals = goals[:2]
+    goals_are_reached_by_nodes(board, goals, start_process, client, spin_until, tmp_path)
 
 
 def errors_in_environment(goals: np.ndarray) -> np.ndarray:
