@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,25 +11,17 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+from softsim_core.scene.files import config_file  # noqa: E402
+from softsim_ros.cli.app import main  # noqa: E402
+
+DEMO = ("demo", "grasp", "--speed", "0")
 
 
-def run_demo(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "softsim_ros.cli", "demo", "grasp", "--speed", "0", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=900.0,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-    )
-
-
-def test_the_cube_is_lifted_held_and_put_down(ros_domain: int) -> None:
-    done = run_demo("--check")
-    assert done.returncode == 0, done.stdout + done.stderr
-    lifted = float(re.search(r"lifted ([\d.]+) mm", done.stdout)[1])
-    held, slipped = map(float, re.search(r"held ([\d.]+) s, slipped ([\d.]+) mm", done.stdout).groups())
+def test_the_cube_is_lifted_held_and_put_down(ros_domain: int, capfd: pytest.CaptureFixture[str]) -> None:
+    code, shown = main([*DEMO, "--check"]), "".join(capfd.readouterr())
+    assert code == 0, shown
+    lifted = float(re.search(r"lifted ([\d.]+) mm", shown)[1])
+    held, slipped = map(float, re.search(r"held ([\d.]+) s, slipped ([\d.]+) mm", shown).groups())
     assert lifted >= 20.0
     assert held >= 5.0
     assert slipped <= 2.0
@@ -57,10 +46,11 @@ def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None
 
 
 @pytest.mark.exhaustive
-def test_without_friction_the_check_misses(ros_domain: int, tmp_path: Path) -> None:
+def test_without_friction_the_check_misses(
+    ros_domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     slippery = tmp_path / "slippery.yaml"
-    robot = REPOSITORY / "configs" / "robots" / "cable_gripper.yaml"
+    robot = config_file("robots/cable_gripper.yaml")
     slippery.write_text(f"extends: {robot}\nname: slippery\ncontact: {{friction: 0.0}}\n")
-    done = run_demo("--check", "--robot", str(slippery))
-    assert done.returncode == 1, done.stdout + done.stderr
-    assert "missed its marks" in done.stdout
+    assert main([*DEMO, "--check", "--robot", str(slippery)]) == 1
+    assert "missed its marks" in capfd.readouterr().out
