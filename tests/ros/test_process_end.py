@@ -83,8 +83,19 @@ def used_s(process: NodeProcess) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize("when", ["importing", "running"])
-def test_two_signals_at_any_moment_end_every_executable_in_order(start: ProcessGroup, when: str) -> None:
+@pytest.mark.parametrize(
+    ("when", "names"),
+    [
+        ("importing", tuple(NODES)[::2]),
+        ("running", tuple(NODES)[1::2]),
+        pytest.param("importing", tuple(NODES), marks=pytest.mark.exhaustive),
+        pytest.param("running", tuple(NODES), marks=pytest.mark.exhaustive),
+    ],
+    ids=["importing", "running", "importing-all", "running-all"],
+)
+def test_two_signals_at_any_moment_end_every_executable_in_order(
+    start: ProcessGroup, when: str, names: tuple[str, ...]
+) -> None:
     """Moments are of the processor time of each: a busy machine changes none of them."""
     chance = random.Random(f"moments {when}")
 
@@ -98,7 +109,7 @@ def test_two_signals_at_any_moment_end_every_executable_in_order(start: ProcessG
             process.process.send_signal(number)
 
     running: list[tuple[str, NodeProcess, threading.Thread]] = []
-    for name in NODES:
+    for name in names:
         process = start("softsim_ros.cli", "run", name)
         first = chance.uniform(0.0, 1.0 if when == "importing" else 0.05)
         moments = (first, first + chance.uniform(0.0, 0.1))
