@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.contact.detection import Detector, Proximities, false_closing
+from softsim_core.arrays import Array, BoolArray, IndexArray
+from softsim_core.contact.detection import Closeness, Detector, Proximities
 from softsim_core.contact.rows import Carried
 from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface
@@ -23,6 +23,12 @@ _SHORTFALL = 0.9e-3
 """Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
 _TOLERANCES = 5.0
 """by this many tolerances of the contact solver, where that is more."""
+_CLOSE = 1.02
+"""What is nearer than this many contact distances takes part in a step, foremost or not."""
+_STRAY = 1.0e-4
+"""Share of the contact distance by which a linearised gap may close though the true one does not."""
+_ASTRAY = 0.1
+"""The same share where a contact holds something: the step is then linearised again where that has led."""
 _SPARE = 0.05
 """Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
 
@@ -137,6 +143,9 @@ class CollisionModel:
         self.moving = any(each.reduced(model) for each in carriers)
         shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
         self.least_gap = settings.contact_distance - shortfall
+        self._falling = np.flatnonzero(self.carried.rigid >= 0)
+        distance = settings.contact_distance
+        self._closeness = Closeness(settings.alarm_distance, distance, _CLOSE * distance, _STRAY * distance)
         self._first = [each.vertices.start for each in surfaces]
         self._still = np.zeros((len(nodes), 3))
         self._fixed = self._still.copy()
@@ -244,18 +253,22 @@ class CollisionModel:
         """Where surfaces whose vertices are at `points` (v, 3) are closest, nearer than `reach` [m]."""
         return self._detector.detect(points, reach)
 
-    def at_start(self, start: Place, free: Place) -> Proximities:
-        """What comes close within a step that would lead from `start` to `free`, were there no contact."""
+    def at_start(self, start: Place, free: Place) -> tuple[Proximities, Array]:
+        """What comes close within a step that would lead from `start` to `free`, were there no contact.
+
+        Also how far vertices go in the step at its first velocities in [m], (v, 3); frames and joints freely.
+        """
         known = self._known
         if known is None or known.place.points is not start.points:
             known = self._known = self._looked(start)
         needed = free.moved.copy()
         needed[self.soft] = self.model.dt * self._followed(start.state.velocities)
-        farther = self._farthest(needed)
+        farther, near = self._farthest(needed), known.near
         if (farther > known.travel).any():
             travel = np.maximum(farther, known.travel)
-            return self._detector.candidates(start.points, self.settings.alarm_distance, travel)
-        return known.near
+            near = self._detector.candidates(start.points, self.settings.alarm_distance, travel)
+        needed[self._falling] -= self.model.dt**2 * self.model.gravity
+        return near, needed
 
     def at_end(self, end: Place) -> Proximities:
         """What is close at the end of a step, and what comes close within the next one."""
@@ -271,16 +284,36 @@ class CollisionModel:
         """The pairs of edges among contacts found earlier, by their keys (k,), where they are closest now."""
         return self._detector.edges_again(keys, place.points)
 
-    def false_closing(self, near: Proximities, at: Place, ahead: Array) -> Array:
-        """Return by how much in [m] gaps close outside the cones of their vertices, (k,)."""
-        return false_closing(near, at.points, ahead, self._detector.topology)
+    def may_hold(
+        self, near: Proximities, at: Place, ahead: Array, slides: Array | None, *, first: bool
+    ) -> BoolArray:
+        """Return which contacts take part in a step, linearised about a place, shape (k,).
 
-    def coasting(self, start: Place, free: Place) -> Array:
-        """How far vertices go in a step at its first velocities in [m], (v, 3); frames and joints freely."""
-        ways = free.moved.copy()
-        ways[self.soft] = self.model.dt * self._followed(start.state.velocities)
-        ways[self.carried.rigid >= 0] -= self.model.dt**2 * self.model.gravity
-        return ways
+        Those are left out whose gaps close only because they are linearised far from the end. Should one of
+        them turn out to be too close there, the step is linearised there again, with it.
+
+        Args:
+            near: What is close at the place.
+            at: The place.
+            ahead: How far vertices would go on from there, were there no contact, in [m], shape (v, 3).
+            slides: How far they slide from there on in [m], shape (v, 3); None: the place is
+                the end found last.
+            first: Whether the place is the start of the step.
+        """
+        strays, way = slides is not None, at.moved if slides is None else slides
+        return self._detector.may_hold(near, at.points, ahead, way, self._closeness, strays, first)
+
+    def held_astray(self, held: Proximities, forces: Array, at: Place, end: Place) -> bool:
+        """Whether contacts found at a place held something that had slid past them by the end of the step.
+
+        Args:
+            held: The contacts, k of them.
+            forces: Along their normals and two tangents in [N], shape (3 k,).
+            at: The place.
+            end: The end of the step.
+        """
+        limit = _ASTRAY * self.settings.contact_distance
+        return self._detector.held_astray(held, forces, at.points, end.points - at.points, limit)
 
     def free_share(self, start: Place, end: Place) -> float:
         """Share of the way from `start` to `end` on which nothing passes a surface."""

@@ -11,16 +11,14 @@ from softsim_core.contact.collision_model import CollisionModel, Place
 from softsim_core.contact.detection import Proximities
 from softsim_core.contact.rows import CORNERS, NODES, Motions, contact_frames, contact_rows
 from softsim_core.contact.settings import ContactLimits
+from softsim_core.kernels import OneSignature
 from softsim_core.mechanics.model import MotionSubspace
 from softsim_core.mechanics.pose import cross_matrix
 from softsim_core.mechanics.rows import Rows
 
 KEYS = 1 << 52
 """Keys of contacts are kept below this, so that a float64 holds them."""
-_CLOSE = 1.02
-"""What is nearer than this many contact distances takes part, foremost or not."""
-_STRAY = 1.0e-4
-"""Share of the contact distance by which a linearised gap may close though the true one does not."""
+_frames, _fill_rows = OneSignature(contact_frames), OneSignature(contact_rows)
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -75,21 +73,22 @@ def linearise(
     start: Place,
     at: Place,
     free: Place,
-    end: Place,
+    slides: Array | None,
     earlier: IndexArray,
 ) -> LinearisedContacts:
     """Contacts that may hold in a step from `start` to `free`, linearised about `at`, where `near` is close.
 
-    `end` is where the last solution led, `free` before the first one. With q the motion since the start, the
-    gap at the end of the step is taken to be g(q_at) + H (q - q_at), and the slip likewise. What took part in
-    an `earlier` solution, by its keys (ascending, each once), does so again; pairs of edges even where
-    detection, now that they are held apart, finds something else nearer. About the start itself the free
-    motion of rigid bodies counts as it is, not linearised.
+    `slides` is how far vertices slide from `at` to the end found last, in [m], shape (v, 3); None where that
+    is `at`. With q the motion since the start, the gap at the end of the step is taken to be
+    g(q_at) + H (q - q_at), and the slip likewise. What took part in an `earlier` solution, by its keys
+    (ascending, each once), does so again; pairs of edges even where detection, now that they are held apart,
+    finds something else nearer. About the start itself the free motion of rigid bodies counts as it is, not
+    linearised.
     """
     settings = collisions.settings
     ahead = free.points - at.points
     lost = earlier[~_among(np.sort(near.key), earlier)]
-    chosen = _may_hold(near, start, at, free, end, collisions) | _among(earlier, near.key)
+    chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
     near = near.chosen(np.flatnonzero(chosen))
     if len(lost):
         near = near.joined(collisions.edges_again(lost, at))
@@ -99,7 +98,7 @@ def linearise(
     directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
     if anew:
         ahead[collisions.carried.rigid >= 0] = 0.0  # by their rows, below
-    contact_frames(
+    _frames(
         vertices,
         shares,
         near.normal,
@@ -130,29 +129,6 @@ def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
     return np.asarray(keys[place] == wanted)
 
 
-def _may_hold(
-    near: Proximities, start: Place, at: Place, free: Place, end: Place, collisions: CollisionModel
-) -> BoolArray:
-    """Which contacts take part, (k,): the foremost ones, vertices that would arrive, what is too close.
-
-    Those are left out whose gaps close only because they are linearised far from the end. Should one of them
-    turn out to be too close there, the step is linearised there again, with it.
-    """
-    ahead = free.points - at.points
-    moved = np.einsum("kc,kci->ki", near.a_weights, ahead[near.a])
-    moved -= np.einsum("kc,kci->ki", near.b_weights, ahead[near.b])
-    arriving = near.distance + np.einsum("ki,ki->k", moved, near.normal)
-    settings = collisions.settings
-    close = near.foremost & (np.minimum(near.distance, arriving) < settings.alarm_distance)
-    close |= (near.seeker >= 0) & (arriving < settings.contact_distance)
-    close |= near.distance < _CLOSE * settings.contact_distance
-    if at is not end:
-        slides = collisions.coasting(start, free) if at is start else end.points - at.points
-        true = collisions.false_closing(near, at, slides) < _STRAY * settings.contact_distance
-        close &= true if at is start else true | near.foremost
-    return np.asarray(close)
-
-
 def _rows(
     collisions: CollisionModel, vertices: IndexArray, shares: Array, directions: Array, at: Place
 ) -> tuple[Rows, Array]:
@@ -172,7 +148,7 @@ def _rows(
         motion_subspace.origin,
         len(model.rest),
     )
-    entries = contact_rows(
+    entries = _fill_rows(
         vertices, shares, directions, at.points, collisions.carried, motions, start, place, coefficient,
         on_rigid,
     )  # fmt: skip

@@ -17,6 +17,7 @@ Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -189,11 +190,13 @@ class ContactStepper(StepperAround):
         self._free.copy_from(state)
         start = collisions.start(before)
         free = collisions.end(start, self._free)
-        end, place, near, warm_start = free, start, collisions.at_start(start, free), before.warm_start
+        place, warm_start = start, before.warm_start
+        near, first_slides = collisions.at_start(start, free)
+        slides: Array | None = first_slides
         best: Pass | None = None
         earlier = np.unique(warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64))
         for count in range(1, MOST_PASSES + 1):
-            touching = linearise(collisions, near, start, place, free, end, earlier)
+            touching = linearise(collisions, near, start, place, free, slides, earlier)
             watch.mark("detect")
             state.copy_from(self._free)
             reached, solution, end = report, _NO_FORCES, free
@@ -207,6 +210,8 @@ class ContactStepper(StepperAround):
             warm_start = touching.warm_start(solution.forces)
             near = collisions.at_end(end)
             room = (collisions.free_share(start, end), collisions.room(near))
+            if collisions.held_astray(touching.near, solution.forces, place, end):
+                room = (room[0], -math.inf)  # of no worth, whatever room it leaves
             if best is None or room > best.room:
                 best = Pass(touching, solution, reached, end, near, room, state.buffer.copy())
             if room >= (1.0, collisions.least_gap):
@@ -215,6 +220,7 @@ class ContactStepper(StepperAround):
             if count < MOST_PASSES:
                 share = room[0]
                 place = end if share == 1.0 else collisions.between(start, end, _SHORT * share)
+                slides = None if place is end else end.points - place.points
                 near = collisions.at(place, free, end)
         assert best is not None
         state.buffer[:] = best.values

@@ -1,4 +1,4 @@
-"""Broad phase: boxes that move with the surfaces, trees against trees, and what is near enough to look at."""
+"""Broad phase: boxes that move with the surfaces, trees against trees, and which leaves are near."""
 
 from __future__ import annotations
 
@@ -176,44 +176,13 @@ def compare_trees(
         elif counts[i] == 0 or counts[j] == 0:
             sphere, other = (i, j) if counts[i] == 0 else (j, i)
             for t in range(topology.node_first[other], topology.node_first[other] + counts[other]):
-                _list_vertex(topology.node_first[sphere], t, int(counts[j] == 0), near.vertices, near.counts)
+                list_vertex(topology.node_first[sphere], t, int(counts[j] == 0), near.vertices, near.counts)
         else:
-            _list_pair(i, j, 2, near.leaves, near.counts)
+            list_pair(i, j, 2, near.leaves, near.counts)
 
 
 @kernel
-def compare_leaves(reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near) -> None:
-    """List the features that triangles of near leaves look at, but for those plainly too far apart."""
-    triangles, owns, around, normals = topology.triangles, topology.owns, boxes.triangle, boxes.normal
-    edges, first, count = topology.triangle_edges, topology.node_first, topology.node_count
-    for pair in range(min(near.counts[2], near.leaves.shape[0])):
-        i, j = near.leaves[pair, 0], near.leaves[pair, 1]
-        for t in range(first[i], first[i] + count[i]):
-            if apart(around, t, boxes.node, j, reach):
-                continue
-            for u in range(first[j], first[j] + count[j]):
-                if apart(around, t, around, u, reach):
-                    continue
-                if beyond(points, triangles, t, normals, u, reach):
-                    continue
-                if beyond(points, triangles, u, normals, t, reach):
-                    continue
-                for c in range(3):
-                    if owns[t, c] and not outside(points, triangles[t, c], around, u, reach):
-                        _list_vertex(triangles[t, c], u, 0, near.vertices, near.counts)
-                    if owns[u, c] and not outside(points, triangles[u, c], around, t, reach):
-                        _list_vertex(triangles[u, c], t, 1, near.vertices, near.counts)
-                    if owns[t, 3 + c] == 0:
-                        continue
-                    k, m = triangles[t, c], triangles[t, (c + 1) % 3]
-                    for d in range(3):
-                        n, o = triangles[u, d], triangles[u, (d + 1) % 3]
-                        if owns[u, 3 + d] and not segments_apart(points, k, m, n, o, reach):
-                            _list_pair(edges[t, c], edges[u, d], 1, near.edges, near.counts)
-
-
-@kernel
-def _list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray) -> None:
+def list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray) -> None:
     """Add a and b to the list that counts[kind] belongs to."""
     at = counts[kind]
     counts[kind] += 1
@@ -222,7 +191,7 @@ def _list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray)
 
 
 @kernel
-def _list_vertex(v: int, t: int, second: int, vertices: IndexArray, counts: IndexArray) -> None:
+def list_vertex(v: int, t: int, second: int, vertices: IndexArray, counts: IndexArray) -> None:
     """Add vertex v and triangle t to the list."""
     at = counts[0]
     counts[0] += 1

@@ -9,6 +9,7 @@ import numpy as np
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.contact.detection.broad_phase import allocate
 from softsim_core.contact.detection.candidates import Found, allocate_found, allocate_near
+from softsim_core.contact.detection.cones import Closeness, held_astray, may_hold
 from softsim_core.contact.detection.known_edges import KnownEdges, meet_known_edges
 from softsim_core.contact.detection.passage import Way, free_share
 from softsim_core.contact.detection.search import sweep
@@ -96,11 +97,13 @@ class Detector:
         self.surfaces = surfaces
         self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
         self._contact_distance = float(settings.contact_distance)
-        self.topology = build_topology(surfaces, self._rest)
-        self._boxes = allocate(self.topology)
+        self._topology = build_topology(surfaces, self._rest)
+        self._boxes = allocate(self._topology)
         self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
         self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
+        self._may_hold, self._held_astray = OneSignature(may_hold), OneSignature(held_astray)
+        self._known_edges = OneSignature(meet_known_edges)
 
     def detect(self, points: Array, reach: float) -> Proximities:
         """Foremost contacts of surfaces whose vertices are at `points` (v, 3), nearer than `reach` [m].
@@ -133,7 +136,7 @@ class Detector:
                 float(reach),
                 travel,
                 self._contact_distance,
-                self.topology,
+                self._topology,
                 self._boxes,
                 near,
                 found,
@@ -153,7 +156,7 @@ class Detector:
             keys: Keys of contacts, shape (k,).
             points: Vertex positions in [m], shape (v, 3).
         """
-        topology = self.topology
+        topology = self._topology
         vertices, count = len(topology.radius), len(topology.edges)
         total = vertices + count + len(topology.triangles)
         edges = np.stack(np.divmod(keys, total), axis=1) - vertices
@@ -163,8 +166,50 @@ class Detector:
         owner = self._owner[surfaces]
         together = np.where(owner[:, 0] == owner[:, 1], self._contact_distance, -1.0)
         found = allocate_found(len(edges))
-        meet_known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
+        self._known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
         return _listed(found)
+
+    def may_hold(
+        self, near: Proximities, points: Array, ahead: Array, slides: Array, closeness: Closeness,
+        strays: bool, foremost_strays: bool,
+    ) -> BoolArray:  # fmt: skip
+        """Return which contacts take part in a step, shape (k,).
+
+        Args:
+            near: The contacts.
+            points: Vertex positions in [m], shape (v, 3).
+            ahead: How far they would still go freely in [m], shape (v, 3).
+            slides: How far they slide in the step in [m], shape (v, 3).
+            closeness: What is close.
+            strays: Whether gaps that close only because they are linearised are left out.
+            foremost_strays: Whether also those of foremost contacts are.
+        """
+        return np.asarray(
+            self._may_hold(
+                near.a, near.a_weights, near.b, near.b_weights, near.normal, near.distance, near.foremost,
+                near.seeker, points, ahead, slides, self._topology.ring_start, self._topology.ring,
+                closeness, strays, foremost_strays,
+            )
+        )  # fmt: skip
+
+    def held_astray(
+        self, held: Proximities, forces: Array, points: Array, slides: Array, limit: float
+    ) -> bool:
+        """Whether a contact with a force has closed by more than `limit` [m] though the true gap has not.
+
+        Args:
+            held: The contacts, k of them.
+            forces: Along their normals and two tangents in [N], shape (3 k,).
+            points: Vertex positions where they were found in [m], shape (v, 3).
+            slides: How far vertices have slid from there in [m], shape (v, 3).
+            limit: In [m].
+        """
+        return bool(
+            self._held_astray(
+                held.a, held.a_weights, held.b, held.b_weights, held.normal, forces, points, slides,
+                self._topology.ring_start, self._topology.ring, limit,
+            )
+        )  # fmt: skip
 
     def free_share(self, before: Array, after: Array, watched: BoolArray) -> float:
         """Share of the way from `before` to `after` (v, 3) each in [m] on which nothing passes a surface.
@@ -182,7 +227,7 @@ class Detector:
         """
         way = Way(self._rest, before, after, watched, self._contact_distance)
         while True:
-            share, needed = self._free_share(way, self.topology, self._boxes, self._near)
+            share, needed = self._free_share(way, self._topology, self._boxes, self._near)
             if needed <= len(self._near.leaves):
                 return float(share)
             self._widen(needed)
@@ -190,7 +235,7 @@ class Detector:
     @property
     def pairs(self) -> IndexArray:
         """Numbers of the surfaces that may meet, shape (p, 2)."""
-        return self.topology.pairs
+        return self._topology.pairs
 
     def _widen(self, needed: int) -> None:
         """Make room for twice as many pairs of features as are needed now."""
@@ -201,5 +246,16 @@ class Detector:
 
 def _listed(found: Found) -> Proximities:
     """What was found."""
-    count = found.counter[0]
-    return Proximities(**{name: getattr(found, name)[:count].copy() for name in Proximities._fields})
+    k = found.counter[0]
+    return Proximities(
+        found.a[:k].copy(),
+        found.a_weights[:k].copy(),
+        found.b[:k].copy(),
+        found.b_weights[:k].copy(),
+        found.normal[:k].copy(),
+        found.distance[:k].copy(),
+        found.foremost[:k].copy(),
+        found.seeker[:k].copy(),
+        found.pair[:k].copy(),
+        found.key[:k].copy(),
+    )

@@ -5,7 +5,15 @@ from __future__ import annotations
 from math import inf
 
 from softsim_core.arrays import Array
-from softsim_core.contact.detection.broad_phase import Boxes
+from softsim_core.contact.detection.broad_phase import (
+    Boxes,
+    apart,
+    beyond,
+    list_pair,
+    list_vertex,
+    outside,
+    segments_apart,
+)
 from softsim_core.contact.detection.candidates import Found, Near, features, next_row, write, write_pair
 from softsim_core.contact.detection.compile import kernel
 from softsim_core.contact.detection.geometry import (
@@ -36,6 +44,67 @@ from softsim_core.contact.detection.topology import Topology
 
 _PARALLEL = 4.0e-4
 """Edges at an angle with a squared sine below this have no contact between their insides."""
+_TOUCHING = 1.0e-7
+"""Share of an edge's length below which a gap is too short for a direction."""
+
+
+@kernel
+def meet_leaves(
+    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+) -> None:
+    """Vertices of near leaves against triangles, and a list of the edges whose insides are near.
+
+    A triangle looks at the features that it owns, so that no two features are met twice. Fine surfaces that
+    go far in a step have some hundred pairs within reach for each that can touch: vertices are met some at a
+    time, and of the edges only those are listed that are closest between their ends.
+    """
+    most = near.vertices.shape[0] - 2
+    triangles, owns, around, normals = topology.triangles, topology.owns, boxes.triangle, boxes.normal
+    edges, ends = topology.triangle_edges, topology.edges
+    first, count = topology.node_first, topology.node_count
+    for pair in range(min(near.counts[2], near.leaves.shape[0])):
+        i, j = near.leaves[pair, 0], near.leaves[pair, 1]
+        for t in range(first[i], first[i] + count[i]):
+            if apart(around, t, boxes.node, j, reach):
+                continue
+            for u in range(first[j], first[j] + count[j]):
+                if apart(around, t, around, u, reach):
+                    continue
+                if beyond(points, triangles, t, normals, u, reach):
+                    continue
+                if beyond(points, triangles, u, normals, t, reach):
+                    continue
+                for c in range(3):
+                    if owns[t, c] and not outside(points, triangles[t, c], around, u, reach):
+                        list_vertex(triangles[t, c], u, 0, near.vertices, near.counts)
+                    if owns[u, c] and not outside(points, triangles[u, c], around, t, reach):
+                        list_vertex(triangles[u, c], t, 1, near.vertices, near.counts)
+                    if near.counts[0] > most:
+                        meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+                        near.counts[0] = 0
+                    if owns[t, 3 + c] == 0:
+                        continue
+                    e = edges[t, c]
+                    for d in range(3):
+                        f = edges[u, d]
+                        if owns[u, 3 + d] and insides_meet(
+                            points, ends[e, 0], ends[e, 1], ends[f, 0], ends[f, 1], reach
+                        ):
+                            list_pair(e, f, 1, near.edges, near.counts)
+    meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+
+
+@kernel
+def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float) -> bool:
+    """Whether the edges e0 e1 and f0 f1, not parallel, are closest between their ends, within `reach`."""
+    if segments_apart(points, e0, e1, f0, f1, reach):
+        return False
+    p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
+    s, t, _ = closest_on_lines(p0, p1, q0, q1)
+    if min(s, t) <= EXACT or max(s, t) >= 1.0 - EXACT:  # parallel ones, too
+        return False
+    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    return bool(dot(gap, gap) <= reach * reach)
 
 
 @kernel
@@ -50,7 +119,7 @@ def meet_vertices(
     once the pair is done. Spheres meet the vertices of deformable surfaces elsewhere.
     """
     triangles, normals, radii, owns = topology.triangles, boxes.normal, topology.radius, topology.owns
-    for at in range(near.counts[0]):
+    for at in range(min(near.counts[0], near.vertices.shape[0])):
         v, t, first = near.vertices[at, 0], near.vertices[at, 1], near.vertices[at, 2] == 0
         p = row(points, v)
         i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -90,7 +159,7 @@ def meet_vertices(
         ):
             continue
         normal = unit(outward)
-        if feature != FACE and distance > 1e-9:
+        if feature != FACE and distance > _TOUCHING * length(minus(b, a)):
             normal = scaled(gap, (-1.0 if inside else 1.0) / distance)
         foremost = radius > 0.0 or vertex_is_closest(
             v, scaled(normal, -1.0), CONE, topology.ring_start, topology.ring, points
@@ -138,13 +207,9 @@ def meet_edges(
         e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
         p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
         s, t, sine = closest_on_lines(p0, p1, q0, q1)
-        if min(s, t) <= EXACT or max(s, t) >= 1.0 - EXACT:  # parallel ones, too
-            continue
         along_e, along_f = minus(p1, p0), minus(q1, q0)
         p, q = add(p0, scaled(along_e, s)), add(q0, scaled(along_f, t))
         gap = minus(p, q)
-        if dot(gap, gap) > reach * reach:
-            continue
         out_e, out_f = edge_normal(e, topology.sides, normals), edge_normal(f, topology.sides, normals)
         normal = unit(cross(along_e, along_f))
         if dot(normal, minus(out_f, out_e)) < 0.0:

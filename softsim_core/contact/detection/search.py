@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.detection.broad_phase import (
     Boxes,
     apart,
-    compare_leaves,
     compare_trees,
     refit,
     surface_boxes,
 )
 from softsim_core.contact.detection.candidates import Found, Near, mixed, move
 from softsim_core.contact.detection.compile import kernel
-from softsim_core.contact.detection.geometry import dot, minus
-from softsim_core.contact.detection.narrow_phase import meet_corners, meet_edges, meet_spheres, meet_vertices
+from softsim_core.contact.detection.geometry import dot, minus, row
+from softsim_core.contact.detection.narrow_phase import (
+    meet_corners,
+    meet_edges,
+    meet_leaves,
+    meet_spheres,
+)
 from softsim_core.contact.detection.topology import Topology
 
-_SAME = 1.0e-9
-"""Contacts of a vertex whose points differ by less than this in [m] are one."""
+_SAME = 1.0e-7
+"""Contacts of a vertex whose points differ by less than this share of their triangle's edges are one."""
 _CLOSE = 1.5
 """Vertices of a dent meet a sphere from this many contact distances on, and what may move in the step."""
 
@@ -74,11 +78,10 @@ def sweep(
             meet_spheres(v, w, sa, sb, reach, points, topology, found)
         else:
             compare_trees(i, j, reach, topology, boxes, near)
-            compare_leaves(reach, points, topology, boxes, near)
+            meet_leaves(sa, sb, reach, points, topology, boxes, near, found)
             needed = max(needed, near.counts[0], near.counts[1], near.counts[2])
             if needed > near.vertices.shape[0]:
                 return int(needed)
-            meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
             close = min(reach, reach - alarm + _CLOSE * contact_distance)
             meet_corners(sa, sb, close, points, topology, boxes, near, found)
             meet_edges(sa, sb, reach, begin, points, topology, boxes, near, found)
@@ -134,4 +137,12 @@ def _same_points(k: int, other: int, points: Array, found: Found) -> bool:
     """Whether two contacts touch the same points."""
     a = minus(mixed(found.a, found.a_weights, k, points), mixed(found.a, found.a_weights, other, points))
     b = minus(mixed(found.b, found.b_weights, k, points), mixed(found.b, found.b_weights, other, points))
-    return dot(a, a) + dot(b, b) < _SAME * _SAME
+    near = _SAME * _SAME * max(_squared_edge(found.a, k, points), _squared_edge(found.b, k, points))
+    return dot(a, a) + dot(b, b) < near
+
+
+@kernel
+def _squared_edge(nodes: IndexArray, k: int, points: Array) -> float:
+    """Squared length of the first edge of one side of contact k; 0 of a vertex."""
+    edge = minus(row(points, nodes[k, 1]), row(points, nodes[k, 0]))
+    return dot(edge, edge)
