@@ -14,9 +14,9 @@ _PAIRS = 1 << 20
 """So many pairs of boxes are looked at together."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of a coordinate, with some room: volumes that this may make are none."""
-_SHIFTS = 1.0e-6 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
-"""Small moves in [m]: surfaces that only touch come apart by one of them; crooked, so that none leads an edge
-exactly through another one."""
+_SHIFTS = 3.0e-5 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
+"""Small moves, as shares of the smaller surface's size: surfaces that only touch come apart by one of them;
+crooked, so that none leads an edge exactly through another one."""
 
 
 def surfaces_cross(first: Array, second: Array) -> bool:
@@ -26,7 +26,8 @@ def surfaces_cross(first: Array, second: Array) -> bool:
         first: Corners of the triangles in [m], shape (k, 3, 3).
         second: Corners of the triangles in [m], shape (m, 3, 3).
     """
-    return all(_any_crosses(first, second + shift) for shift in _SHIFTS)
+    size = min(float(np.linalg.norm(np.ptp(each, axis=(0, 1)))) for each in (first, second))
+    return all(_any_crosses(first, second + size * shift) for shift in _SHIFTS)
 
 
 def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:

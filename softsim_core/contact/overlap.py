@@ -10,11 +10,11 @@ from softsim_core.arrays import Array, BoolArray
 from softsim_core.contact.crossing import surfaces_cross
 from softsim_core.contact.surfaces import CollisionSurface, may_meet
 
-TOUCH = 1.0e-9
-"""Surfaces that overlap by less than this in [m] only touch."""
+_TOUCH = 1.0e-7
+"""Surfaces that overlap by less than this share of the smaller one's size only touch."""
 _CHUNK = 1 << 18
-_WITHIN = 1.0e-7
-"""How deep in [m] behind its triangles a surface is looked for inside another one."""
+_WITHIN = 1.0e-5
+"""How deep behind its triangles, as a share of their size, a surface is looked for inside another one."""
 
 
 def first_overlap(
@@ -50,14 +50,21 @@ def first_overlap(
     return None
 
 
+def touching(a: CollisionSurface, b: CollisionSurface, points: Array) -> float:
+    """Return by how much in [m] two surfaces over vertices (v, 3) may overlap that only touch."""
+    sizes = (2.0 * s.radius or float(np.linalg.norm(np.ptp(points[s.vertices], axis=0))) for s in (a, b))
+    return _TOUCH * min(sizes)
+
+
 def _cross(a: CollisionSurface, b: CollisionSurface, points: Array) -> bool:
     """Whether two surfaces cross; a sphere counts as solid."""
     if a.radius > 0.0 and b.radius > 0.0:
         apart = float(np.linalg.norm(points[a.vertices] - points[b.vertices]))
-        return apart < a.radius + b.radius - TOUCH
+        return apart < a.radius + b.radius - touching(a, b, points)
     if a.radius > 0.0 or b.radius > 0.0:
         ball, other = (a, b) if a.radius > 0.0 else (b, a)
-        return _distance(points[ball.vertices][0], points[other.triangles]) < ball.radius - TOUCH
+        gap = _distance(points[ball.vertices][0], points[other.triangles]) - ball.radius
+        return gap < -touching(a, b, points)
     return surfaces_cross(points[a.triangles], points[b.triangles])
 
 
@@ -79,7 +86,7 @@ def _probes(surface: CollisionSurface, points: Array) -> Array:
         return np.asarray(points[surface.vertices])
     corners = points[surface.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.sqrt(np.linalg.norm(normals, axis=1, keepdims=True))  # as long as the triangle is wide
     return np.asarray(corners.mean(axis=1) - _WITHIN * normals)
 
 

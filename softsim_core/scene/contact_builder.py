@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.contact.collision_model import CollisionModel, VertexCarrier
-from softsim_core.contact.overlap import TOUCH, first_overlap
+from softsim_core.contact.overlap import first_overlap, touching
 from softsim_core.contact.settings import ContactLimits
 from softsim_core.contact.surfaces import CollisionSurface, check_surface, may_meet
 from softsim_core.errors import SceneError
@@ -271,7 +271,10 @@ def need_apart(
         asked = [any(surfaces[number].owner in owners for number in pair) for pair in near.pair.tolist()]
         distance = np.where(asked, distance, np.inf)
     worst = int(np.argmin(distance)) if len(distance) else -1
-    if worst >= 0 and distance[worst] < -TOUCH:
+    least = 0.0
+    if worst >= 0:
+        least = touching(*(surfaces[number] for number in near.pair[worst].tolist()), points)
+    if worst >= 0 and distance[worst] < -least:
         pair, by = near.pair[worst].tolist(), f" by {-1e3 * distance[worst]:.2g} mm"
     else:
         pair, by = first_overlap(surfaces, points, owners), ""

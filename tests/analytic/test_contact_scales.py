@@ -9,10 +9,13 @@ import pytest
 
 from softsim_core import Simulation
 from softsim_core.arrays import Array
+from softsim_core.contact.crossing import surfaces_cross
+from softsim_core.contact.detection import Detector, Proximities
 from softsim_core.contact.settings import ContactSettings
+from softsim_core.contact.surfaces import CollisionSurface
 from softsim_core.mechanics.pose import rotation_euler
 from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
+from softsim_core.mesh.shapes import Shape, box_surface
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
@@ -106,3 +109,50 @@ def test_a_scene_with_scaled_distances_moves_in_proportion(
     found, gap, _ = motion(scale, scaled(ContactSettings(), scale))
     assert found == pytest.approx(usual[0], abs=1e-6)
     assert gap == pytest.approx(usual[1], abs=1e-7)
+
+
+SIZES = [2.0**-20, 2.0**-10, 1.0, 2.0**3]
+"""Powers of two, so that coordinates are exactly in proportion."""
+
+
+def touching_cubes(scale: float) -> tuple[Detector, Array]:
+    """Two cubes of 10 mm, divided into squares, one turned with a corner beside an edge of the other; scaled."""
+    cube = box_surface((0.01, 0.01, 0.01), 4)
+    turned = cube.points @ rotation_euler(np.radians([45.0, 20.0, 30.0])).T
+    lifted = turned - turned[turned[:, 2].argmin()] + np.array([0.0052, 0.0011, 0.0051])
+    points, size = scale * np.concatenate([cube.points, lifted]), len(cube.points)
+    surfaces = tuple(
+        CollisionSurface(
+            name=f"cube {k}",
+            vertices=slice(k * size, (k + 1) * size),
+            triangles=cube.triangles + k * size,
+            owner=k,
+        )
+        for k in range(2)
+    )
+    return Detector(surfaces, points, ContactSettings().limits(scale * BLOCK)), points
+
+
+def gaps(scale: float) -> Proximities:
+    detector, points = touching_cubes(scale)
+    return detector.candidates(points, 0.003 * scale)
+
+
+@pytest.mark.parametrize("scale", SIZES)
+def test_what_comes_close_does_not_depend_on_size(scale: float) -> None:
+    found, usual = gaps(scale), gaps(1.0)
+    assert len(found.key) > 15
+    assert np.array_equal(found.key, usual.key)
+    assert np.array_equal(found.foremost, usual.foremost)
+    assert found.distance / scale == pytest.approx(usual.distance, abs=1e-12)
+    assert found.normal == pytest.approx(usual.normal, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", SIZES)
+def test_whether_surfaces_cross_does_not_depend_on_size(scale: float) -> None:
+    """Cubes that touch do not; those that overlap by a thousandth of their edge do."""
+    cube = box_surface((0.01, 0.01, 0.01), 2)
+    corners = scale * cube.points[cube.triangles]
+    up = np.array([0.3, 0.4, 1.0])
+    for depth, crosses in ((0.0, False), (1e-3, True)):
+        assert surfaces_cross(corners, corners + scale * 0.01 * (1.0 - depth) * up) is crosses
