@@ -18,6 +18,8 @@ Threads: TypeAlias = Literal["auto"] | int
 SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
 MOST_THREADS: Final = 64
 MOST_ITERATIONS: Final = 1000
+_TOLERANCE, _LARGE = 1.0e-7, 0.1
+"""Default of `iteration_tolerance` in [m], and size in [m] of what deforms below which it shrinks with it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +44,7 @@ class SolverSettings:
         iterations: Newton iterations of a step at most, 1 to 1000; with 1 it is linearised once. "bossak"
             takes 2 at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
         iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
-            >= 0.
+            >= 0. None: 1e-7, or less in proportion to what deforms where that is smaller than 0.1 m.
     """
 
     rotation: RotationLaw = "polar"
@@ -55,7 +57,7 @@ class SolverSettings:
     spectral_radius: float = 0.8
     substeps: int = 8
     iterations: int = 1
-    iteration_tolerance: float = 1e-7
+    iteration_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         for name, value, unit in (
@@ -73,10 +75,20 @@ class SolverSettings:
             raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
         if not 1 <= self.iterations <= MOST_ITERATIONS:
             raise FieldError("solver", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")
-        if not 0.0 <= self.iteration_tolerance < math.inf:
+        if self.iteration_tolerance is not None and not 0.0 <= self.iteration_tolerance < math.inf:
             raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
         known = (AUTO, *linear_solver_names())
         if self.linear_solver not in known:
             raise FieldError("solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, known))
         if self.threads != "auto" and not 1 <= self.threads <= MOST_THREADS:
             raise FieldError("solver", "threads", self.threads, f"auto, or 1 to {MOST_THREADS}")
+
+    def last_move(self, size: float) -> float:
+        """Return how far in [m] an iteration may move a node and still be the last one.
+
+        Args:
+            size: Of what deforms in [m].
+        """
+        if self.iteration_tolerance is not None:
+            return self.iteration_tolerance
+        return _TOLERANCE * min(1.0, size / _LARGE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -146,7 +147,8 @@ class SceneState:
         most = settings.iterations
         if settings.time_integration == "bossak" and FreeTurning(model).bodies:
             most = max(most, 2)  # linearised once, a free body gains energy as it turns
-        return IteratedStepper(once, most, settings.iteration_tolerance)
+        size = float(np.linalg.norm(np.ptp(model.rest, axis=0))) if len(model.rest) else math.inf
+        return IteratedStepper(once, most, settings.last_move(size))
 
     def _part_stepper(self, dt: float) -> Stepper:
         """The scene's step with another dt in [s]."""

@@ -116,7 +116,7 @@ SIZES = [2.0**-20, 2.0**-10, 1.0, 2.0**3]
 
 
 def touching_cubes(scale: float) -> tuple[Detector, Array]:
-    """Two cubes of 10 mm, divided into squares, one turned with a corner beside an edge of the other; scaled."""
+    """Two scaled cubes of 10 mm in squares, one turned with a corner beside an edge of the other."""
     cube = box_surface((0.01, 0.01, 0.01), 4)
     turned = cube.points @ rotation_euler(np.radians([45.0, 20.0, 30.0])).T
     lifted = turned - turned[turned[:, 2].argmin()] + np.array([0.0052, 0.0011, 0.0051])

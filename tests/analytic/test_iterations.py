@@ -23,6 +23,7 @@ from softsim_core.fem.assembly import elastic_forces, stiffness_matrix
 from softsim_core.mechanics.control import Control
 from softsim_core.mesh import box_mesh
 from softsim_core.mesh.shapes import Shape
+from softsim_core.scene.attachment import AttachmentDescription
 from softsim_core.scene.builder import build
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
@@ -287,3 +288,24 @@ def test_reading_the_error_leaves_the_contacts_told() -> None:
 def test_other_numbers_are_refused(settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):
         SolverSettings(**settings)
+
+
+@pytest.mark.filterwarnings("ignore:.* lengths are in m", "ignore:.* moduli are in Pa")
+def test_how_far_a_step_is_iterated_does_not_depend_on_size(backend: str) -> None:
+    """Lengths and gravity in proportion, moduli with their square, masses with their cube."""
+
+    def bent_places(scale: float) -> Array:
+        mesh = box_mesh((0.06 * scale, 0.015 * scale, 0.015 * scale), (4, 1, 1))
+        bar = body(mesh, young_modulus=8e4 * scale**2, total_mass=0.01 * scale**3)
+        end = Box(center=(0.0, 0.0, 0.0), size=(1e-3 * scale, 9.0, 9.0))
+        clamp = AttachmentDescription(name="clamp", body="body", to="world", box=end)
+        gravity = (0.0, 0.0, -200.0 * scale)
+        described = scene(bar, attachments=(clamp,), gravity=gravity, rayleigh_mass=2.0)
+        described = replace(described, solver=replace(described.solver, iterations=MANY, substeps=1))
+        simulation = Simulation(described, backend)  # type: ignore[arg-type]
+        for _ in range(5):
+            simulation.step()
+        return np.asarray(simulation.positions / scale)
+
+    usual = bent_places(1.0)
+    assert bent_places(2.0**-10) == pytest.approx(usual, abs=1e-9)
