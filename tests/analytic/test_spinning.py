@@ -17,6 +17,8 @@ from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.reinforcement import LayerDescription
+from softsim_core.scene.rod import RodDescription, RodSectionDescription
 from softsim_core.values import Box, Placement
 
 LENGTH, WIDTH, YOUNG, DENSITY = 0.2, 0.01, 1e6, 1000.0
@@ -46,6 +48,17 @@ def bar(
     root = AttachmentDescription(name="root", body="bar", to="hinge", box=end)
     fields = {"joints": (hinge,), "attachments": (root,)} if held else {}
     described = scene(body, gravity=(0.0, 0.0, 0.0), dt=dt, **fields)
+    return replace(described, solver=replace(described.solver, **solver))
+
+
+def rod(dt: float, own_damping: float = 0.0, **solver: Any) -> SceneDescription:
+    """The same bar as a rod; `own_damping` in [s]."""
+    section = RodSectionDescription(shape="rectangle", size=(WIDTH, WIDTH))
+    line = ((-LENGTH / 2, 0.0, 0.0), (LENGTH / 2, 0.0, 0.0))
+    drawn = RodDescription(centreline=line, section=section, first_axis=(0.0, 0.0, 1.0), elements=8)
+    material = MaterialDescription(law="rod", young_modulus=YOUNG, poisson_ratio=0.3, damping=own_damping)
+    body = BodyDescription(name="bar", rod=drawn, material=material, density=DENSITY)
+    described = scene(body, gravity=(0.0, 0.0, 0.0), dt=dt)
     return replace(described, solver=replace(described.solver, **solver))
 
 
@@ -153,14 +166,33 @@ def test_the_report_says_how_far_one_iteration_dilates() -> None:
     assert length(one) - LENGTH - expected == pytest.approx(dilation * LENGTH, rel=0.1)
 
 
+FLYING = {"time_integration": "bossak", "iterations": 3, "rayleigh_stiffness": 0.01}
+
+
+def layered_bar() -> SceneDescription:
+    """A bar of quadratic cells with a thin stiff sheet on one of its sides."""
+    described = bar("stable_neo_hookean", 2, 5e-4, 0.3, **FLYING)
+    side = Box(center=(0.0, 0.0, WIDTH / 2), size=(1.0, 1.0, 1e-5))
+    sheet = LayerDescription(name="sheet", thickness=1e-4, young_modulus=10.0 * YOUNG, box=side)
+    return replace(described, bodies=(replace(described.bodies[0], layers=(sheet,)),))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize(("law", "order"), [("stable_neo_hookean", 2), ("corotational", 1)])
+@pytest.mark.parametrize(
+    "described",
+    [
+        pytest.param(bar("stable_neo_hookean", 2, 5e-4, 0.3, **FLYING), id="tet10"),
+        pytest.param(bar("corotational", 1, 5e-4, 0.3, **FLYING), id="tet4"),
+        pytest.param(layered_bar(), id="layer"),
+        pytest.param(rod(5e-4, **FLYING), id="rod"),
+        pytest.param(rod(5e-4, 0.01, **{**FLYING, "rayleigh_stiffness": 0.0}), id="rod of its own damping"),
+    ],
+)
 def test_a_damped_body_that_flies_and_turns_keeps_its_angular_momentum(
-    law: str, order: int, backend: str
+    described: SceneDescription, backend: str
 ) -> None:
     """Once the stretch of the spin, which begins all at once, has rung down."""
-    described = bar(law, order, 5e-4, 0.3, time_integration="bossak", iterations=3, rayleigh_stiffness=0.01)
     simulation = Simulation(described, backend)  # type: ignore[arg-type]
     simulation.set_body_velocity("bar", velocity=(1.0, 0.2, 0.5), angular_velocity=(0.5, 0.0, 5.0))
 
@@ -175,3 +207,45 @@ def test_a_damped_body_that_flies_and_turns_keeps_its_angular_momentum(
     for _ in range(150):
         simulation.step()
     assert np.abs(momentum() - start).max() < 1e-6 * np.linalg.norm(start)
+
+
+ROD_CASES = [("bossak", 40.0, 0.002, 1e-2), ("implicit_euler", 10.0, 0.01, 1e-2), ("bossak", 1.0, 0.01, 0.0)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("case", ROD_CASES)
+def test_a_spinning_rod_stretches_as_it_should(case: tuple[str, float, float, float], backend: str) -> None:
+    scheme, rate, dt, damping = case
+    described = rod(dt, time_integration=scheme, iterations=5, rayleigh_stiffness=damping)
+    lag = damping + dt if scheme == "implicit_euler" else 0.0
+    assert stretch_over_expected(rate, backend, described, round(0.4 / dt), lag) == pytest.approx(
+        1.0, abs=0.02
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.numba
+@pytest.mark.parametrize(("law", "order"), [("stable_neo_hookean", 2), ("corotational", 1)])
+def test_parts_that_turn_against_each_other_are_dilated_by_little(law: str, order: int) -> None:
+    """Less than the strain damping * dt * omega^2 / 2 of halves that fold at omega, in proportion to dt."""
+    rate, damping, seconds = 10.0, 0.01, 0.12
+
+    def stretches(dt: float) -> Array:
+        """Of the line through the middles of sections, each 20 ms."""
+        described = bar(law, order, dt, time_integration="bossak", iterations=6, rayleigh_stiffness=damping)
+        simulation = Simulation(described, "numba")
+        rest = simulation.model.rest[:, 0]
+        simulation._state.velocities[:, 1] = rate * np.abs(rest)
+        places, found = np.unique(rest.round(9)), []
+        for step in range(round(seconds / dt)):
+            simulation.step()
+            if (step + 1) % round(0.02 / dt) == 0:
+                line = [simulation.positions[np.abs(rest - x) < 1e-9].mean(axis=0) for x in places]
+                found.append(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() / LENGTH - 1.0)
+        return np.array(found)
+
+    right = stretches(0.00125)
+    coarse, finer = (np.abs(stretches(dt) - right).max() for dt in (0.01, 0.005))
+    assert coarse < 0.5 * damping * 0.01 * rate**2
+    assert finer < 0.75 * coarse
