@@ -17,7 +17,9 @@ from softsim_core.mesh.types import SurfaceMesh, TetMesh
 from softsim_core.meshing.distance import largest_distance
 from softsim_core.meshing.filling import Filling, filled, pieces
 from softsim_core.meshing.keeping import keep, kept, key_of
+from softsim_core.meshing.openings import open_hollows
 from softsim_core.meshing.part import Part, read_part
+from softsim_core.meshing.plugs import without_channel
 from softsim_core.meshing.repair import Repaired, repaired
 from softsim_core.meshing.simplification import simplified
 from softsim_core.meshing.sizing import TOLERANCE, Sized, with_nodes
@@ -48,6 +50,7 @@ class MeshingOptions:
         order: 1, or 2 with a node in the middle of each edge.
         hole: Largest hole in [m] that is closed; None: repair.HOLE of the longest side.
         largest: Keep the largest body where there are several.
+        plug: Close the openings of hollows, such as air inlets, with plugs.
         deviation: How far the mesh may deviate from the surface in [m]; None: DEVIATION of the diagonal.
         time_limit: In [s] of one run of the mesher.
     """
@@ -58,6 +61,7 @@ class MeshingOptions:
     order: int = 1
     hole: float | None = None
     largest: bool = False
+    plug: bool = False
     deviation: float | None = None
     time_limit: float = 300.0
 
@@ -117,7 +121,12 @@ def mesh_part(
     for doubt in part.told:
         progress(doubt)
     source = repaired(part, options.hole, options.largest, simplified)
-    key = key_of(Path(path).read_bytes(), asdict(replace(options, time_limit=0.0)))
+    wished = asdict(replace(options, time_limit=0.0))
+    if options.plug:
+        source = _plugged(part, source, options)
+    else:
+        del wished["plug"]  # meshes of before there were plugs stay known
+    key = key_of(Path(path).read_bytes(), wished)
     made = kept(key)
     if made is None:
         sized = _sized(source, options, progress, fill)
@@ -130,6 +139,22 @@ def mesh_part(
     progress("taking the mesh that was made before of the same file and options")
     mesh, edge = made
     return replace(_judged(part, source, replace(mesh, name=str(path)), edge, options), known=True)
+
+
+def _plugged(part: Part, source: Repaired, options: MeshingOptions) -> Repaired:
+    """Return a part with the openings of its hollows closed by plugs."""
+    unit, told = source.unit, list(source.told)
+    openings = open_hollows(source.surface)
+    if not openings:
+        raise MeshError(
+            part.surface.name, "no hollow with a narrow opening was found that a plug could close"
+        )
+    for each in openings:
+        cut = replace(part, surface=without_channel(source.surface, each), told=())
+        source = repaired(cut, float("inf"), options.largest)
+        told.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
+    told.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
+    return replace(source, told=tuple(told))
 
 
 def _check(options: MeshingOptions) -> None:

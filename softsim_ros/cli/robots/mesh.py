@@ -54,6 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="close holes up to this size (longest side / 20)",
     )
     parser.add_argument("--largest", action="store_true", help="keep the largest of several bodies")
+    parser.add_argument("--plug", action="store_true", help="close the openings of hollows with plugs")
     parser.add_argument(
         "--deviation", type=float, metavar="L", help="the mesh may be off by so much (diagonal / 1000)"
     )
@@ -83,6 +84,7 @@ def options(arguments: argparse.Namespace) -> MeshingOptions:
         order=arguments.order,
         hole=in_metres["holes"],
         largest=arguments.largest,
+        plug=arguments.plug,
         deviation=in_metres["deviation"],
         time_limit=arguments.time_limit,
     )

@@ -86,8 +86,8 @@ def inlet_notes(source: Repaired) -> list[str]:
     return [
         f"a hollow of about {1e6 * each.volume:.2g} cm^3 is open to the outside, about "
         f"{source.unit.length(each.width)} wide at {source.unit.place(each.place)}: an air chamber needs a "
-        "closed hollow. To drive it by air, close the opening in CAD with a plug (the hose is not modelled) "
-        "and make the robot anew"
+        "closed hollow. To drive it by air, make the robot anew with --plug, or close the opening in CAD "
+        "with a plug (the hose is not modelled)"
         for each in open_hollows(source.surface)
     ]
 
