@@ -273,7 +273,8 @@ def need_apart(
     worst = int(np.argmin(distance)) if len(distance) else -1
     least = 0.0
     if worst >= 0:
-        least = touching(*(surfaces[number] for number in near.pair[worst].tolist()), points)
+        first, second = near.pair[worst].tolist()
+        least = touching(surfaces[first], surfaces[second], points)
     if worst >= 0 and distance[worst] < -least:
         pair, by = near.pair[worst].tolist(), f" by {-1e3 * distance[worst]:.2g} mm"
     else:
