@@ -65,7 +65,7 @@ PATIENCE = 10
 """Ticks in a row, at the full rate, that a robot must rest before a goal counts as unreachable."""
 
 PATIENCE_STALLED = 100
-"""Or may bring the goal no nearer than ever before it counts as stalled."""
+"""Or may make no progress before it counts as stalled."""
 
 AT_REST = 0.1
 """What is still to move at rest, as a part of the tolerance."""
@@ -263,7 +263,7 @@ class InverseController:
             self._sensitivity = self._renewed()
             qp_started = perf_counter()
             qp, taken_up = self._program(task, before)
-            solution = solve_taut(qp)
+            solution = solve_taut(qp, self._pace.approach)
             qp_ms = 1e3 * (perf_counter() - qp_started)
         diverged = not self._advance(solution.dq + taken_up * (solution.status == "solved"))
         pose, residual = effector(self.model), (0.0, 0.0)
@@ -370,7 +370,8 @@ class InverseController:
         ends = self._residual(_shifted(seen, self._lag))
         weight = shares.approach / shares.full
         distance = ends[0] + settings.lever * ends[1]
-        self._damping.learn(solution.dq / self.limits.scale, distance, there=there, weight=weight)
+        dq = solution.dq / self.limits.scale
+        self._damping.learn(dq, distance, there=there, approach=shares.approach, weight=weight)
         if solution.status != "solved":
             self._rested = 0.0
             return solution.status

@@ -140,7 +140,7 @@ def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
     if multipliers.any():
         push = np.flatnonzero(multipliers)  # a limit that is nowhere near cannot push
         parts.append(np.abs(multipliers[push] * np.where(multipliers > 0.0, above, below)[push]))
-    return max(0.0, *(float(part.max()) for part in parts))
+    return float(np.concatenate(parts).max(initial=0.0))  # unlike max(), keeps NaN
 
 
 def _polish(qp: QP, multipliers: Array) -> tuple[Array, Array] | None:

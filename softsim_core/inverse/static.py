@@ -16,7 +16,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.errors import NotConvergedError, SolverDivergedError
 from softsim_core.inverse.problem import QP, Constraint, Limits, Linearisation, build, scales, wanted
 from softsim_core.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
@@ -60,6 +60,10 @@ AT_REST = 1e-8
 
 LOOSE = 1e-6
 """How far in [m] many tendons that say nearly the same may be from taut, where no program keeps all so."""
+
+LEAST_TENSION = 1e-8
+"""Weight of tensions in a program in tensions, as a part of its mean curvature: it decides what the task
+leaves open."""
 
 SLACK = " slack"
 """Ends the names of rows that keep a tendon taut."""
@@ -207,13 +211,70 @@ def linearised(
     return robot, [] if rows.inactive else [rows]
 
 
-def solve_taut(qp: QP) -> Solution:
-    """The increments of a program whose tendons stay taut; where none do exactly, about so."""
-    solution = solve(qp)
-    slack = np.array([name.endswith(SLACK) for name in qp.names[len(qp.q) :]])
-    if solution.status == "solved" or not slack.any():
-        return solution
-    return solve(qp._replace(h=qp.h + LOOSE * slack))
+def solve_taut(qp: QP, share: float = 1.0) -> Solution:
+    """The increments of a program whose tendons stay taut.
+
+    More tendons than a mesh has ways to bend are nearly dependent: commands that only bend the body change
+    tensions by a millionth of what commands do that pull tendons against each other. In commands the rows
+    tau + T dq >= 0 are nearly parallel, no active set is certain, and a residual of 1e-8 m is a push of
+    hundreds of newtons. In tensions s = tau + T dq they are the bounds s >= 0, T^-1 is as well conditioned as
+    the body, and of what the task leaves open the least tensions are taken.
+
+    Args:
+        qp: The program; rows that end in SLACK belong to the joints of that name.
+        share: Of the tensions that the task leaves open to take away.
+    """
+    ends = [name.removesuffix(SLACK) for name in qp.names[len(qp.q) :]]
+    slack = np.array([name.endswith(SLACK) for name in qp.names[len(qp.q) :]], dtype=np.bool_)
+    if not slack.any():
+        return solve(qp)
+    pulls = np.array([qp.names.index(ends[row]) for row in np.flatnonzero(slack)])
+    matrix = np.eye(len(qp.q))
+    matrix[pulls] = -qp.G[slack]
+    try:
+        basis = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # a tendon that nothing holds
+        return solve(qp)
+    unit = np.ones(len(qp.q))
+    unit[pulls] = 1.0 / np.linalg.norm(basis[:, pulls], axis=0)
+    basis = basis * unit
+    tensions = qp.h[slack] / unit[pulls]
+    for loose in (0.0, LOOSE):
+        solution = solve(_in_tensions(qp, slack, pulls, basis, tensions, share, loose))
+        if solution.status == "solved":
+            break
+    dq = qp.scale * np.clip(basis @ solution.dq, qp.lower, qp.upper)
+    return replace(solution, dq=dq)
+
+
+def _in_tensions(
+    qp: QP, slack: BoolArray, pulls: IndexArray, basis: Array, tensions: Array, share: float, loose: float
+) -> QP:
+    """A program for y = basis w, with w the changes of tension of the joints `pulls`, and of other joints."""
+    size = len(qp.q)
+    P, q = basis.T @ qp.P @ basis, basis.T @ qp.q
+    least = LEAST_TENSION * float(P.trace()) / size
+    P[pulls, pulls] += least
+    q[pulls] += least * share * tensions
+    scale = max(float(P.trace()) / size, 1e-300)
+    names = [qp.names[each] for each in pulls]
+    upper = [f"{name} {'upper' if qp.at_upper[j] else 'speed'}" for j, name in zip(pulls, names, strict=True)]
+    lower = [f"{name} {'lower' if qp.at_lower[j] else 'speed'}" for j, name in zip(pulls, names, strict=True)]
+    taut = [f"{name}{SLACK}" for name in names]
+    others = [name for name, each in zip(qp.names[size:], slack, strict=True) if not each]
+    low, high = qp.lower.copy(), qp.upper.copy()
+    low[pulls], high[pulls] = -np.inf, np.inf
+    return QP(
+        P / scale,
+        q / scale,
+        np.concatenate([-np.eye(size)[pulls], basis[pulls], -basis[pulls], qp.G[~slack] @ basis]),
+        np.concatenate([tensions + loose, qp.upper[pulls], -qp.lower[pulls], qp.h[~slack]]),
+        low,
+        high,
+        qp.at_lower,
+        qp.at_upper,
+        (*qp.names[:size], *taut, *upper, *lower, *others),
+    )
 
 
 def is_optimal(

@@ -14,6 +14,7 @@ from softsim_core.errors import SceneError
 from softsim_core.inverse.problem import QP, Constraint, Limits, Linearisation, build, torque_rows
 from softsim_core.inverse.sensitivity import Sensitivity
 from softsim_core.inverse.solver import kkt_residual, need_daqp, solve
+from softsim_core.inverse.static import solve_taut
 from softsim_core.inverse.tasks import PositionTask
 from softsim_core.scene.control import InverseSettings
 
@@ -180,3 +181,45 @@ def test_without_daqp_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(SceneError, match="needs the package daqp: pip install daqp"):
         need_daqp()
+
+
+def test_increments_that_are_no_numbers_solve_nothing() -> None:
+    """Largest of nothing and NaN is nothing, by the order in which max() compares."""
+    qp = random_qp(np.random.default_rng(0))
+    multipliers = np.zeros(len(qp.names))
+    assert np.isnan(kkt_residual(qp, np.full(len(qp.q), np.nan), multipliers))
+    assert np.isnan(kkt_residual(qp, np.zeros(len(qp.q)), np.full(len(qp.names), np.nan)))
+
+
+def nearly_dependent_tendons(rng: np.random.Generator) -> tuple[QP, Array, Array]:
+    """A program of tendons that only bend a body, or pull against each other; its T and tensions."""
+    size = int(rng.integers(4, 21))
+    turned, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    T = (turned * np.logspace(3.0, 9.0, size)) @ turned.T  # N/m
+    J = rng.normal(size=(3, size)) @ np.linalg.inv(T) * 1e3
+    tensions = 10.0 * np.maximum(rng.normal(size=size), 0.0)
+    long = np.linalg.norm(T, axis=1)
+    names = tuple(f"tendon_{k}" for k in range(size))
+    step = np.full(size, 1e-3)
+    qp = QP(
+        J.T @ J + 1e-6 * np.eye(size), -1e-2 * rng.normal(size=3) @ J, -T / long[:, None], tensions / long,
+        -step, step, np.zeros(size, bool), np.zeros(size, bool),
+        (*names, *(f"{name} slack" for name in names)),
+    )  # fmt: skip
+    return qp, T, tensions
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nearly_dependent_tendons_stay_taut_and_are_the_best_that_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    qp, T, tensions = nearly_dependent_tendons(rng)
+    solution = solve_taut(qp)
+    assert solution.status == "solved"
+    assert ((solution.dq >= qp.lower) & (solution.dq <= qp.upper)).all()  # exactly
+    assert (tensions + T @ solution.dq).min() > -1e-3  # N
+    assert {name.split()[0] for name in solution.active} <= set(qp.names[: len(qp.q)])
+    best = 0.5 * solution.dq @ qp.P @ solution.dq + qp.q @ solution.dq
+    for _ in range(200):  # tensions that tendons can have, whose commands are within bounds
+        other = np.linalg.solve(T, rng.choice([0.0, 1.0], len(T)) * rng.exponential(10.0, len(T)) - tensions)
+        other *= min(1.0, 1e-3 / max(float(np.abs(other).max()), 1e-300))  # what lies between is taut, too
+        assert 0.5 * other @ qp.P @ other + qp.q @ other > best - 1e-6 * abs(best)
