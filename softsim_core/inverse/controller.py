@@ -67,6 +67,9 @@ PATIENCE = 10
 PATIENCE_STALLED = 100
 """Or may make no progress before it counts as stalled."""
 
+OVERLOAD = 0.02
+"""Part of a torque limit by which an effort may exceed it at the goal."""
+
 AT_REST = 0.1
 """What is still to move at rest, as a part of the tolerance."""
 
@@ -88,8 +91,9 @@ class InverseReport:
         active: Names of the limits that hold the increment back ("servo_0 upper", "servo_1 speed").
         reachable: False once the goal counts as unreachable.
         status: "idle" (no goal); "moving"; "limited" (moving, and held back by the limits of `active`);
-            "reached" (within the tolerance, and at rest there); "unreachable" (at rest, and no step within
-            the limits leads nearer); "stalled" (no nearer for long, though a step promises to lead there);
+            "reached" (within the tolerance, at rest there, and within torque limits); "unreachable" (at rest,
+            and no step within the limits leads nearer); "stalled" (no nearer for long, though a step promises
+            to lead there);
             or why nothing moves: "infeasible", "not_converged" (the program), "diverged" (the model).
         kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
         sensitivity_age: Ticks in a row, this one included, in which the sensitivity could not be computed and
@@ -266,18 +270,21 @@ class InverseController:
             solution = solve_taut(qp, self._pace.approach)
             qp_ms = 1e3 * (perf_counter() - qp_started)
         diverged = not self._advance(solution.dq + taken_up * (solution.status == "solved"))
+        overloaded = () if self._goal is None else self._overloaded()
+        active = tuple(dict.fromkeys((*solution.active, *overloaded)))
         pose, residual = effector(self.model), (0.0, 0.0)
         self._pose, self._moved, self._dq = pose, _difference(pose, before), solution.dq
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
             residual = self._residual(self._seen(pose, measured))
             status = self._progress(task, before, self._seen(before, measured), residual, solution)
+            status = "limited" if overloaded and status == "reached" else status
         if diverged:
             status = "diverged"
         return InverseReport(
-            self.command, pose, *residual, *mismatch, solution.active, status != "unreachable", status,
+            self.command, pose, *residual, *mismatch, active, status != "unreachable", status,
             solution.kkt_residual, self._sensitivity_age, qp_ms, 1e3 * (perf_counter() - started),
-            self._sentence(status, residual, mismatch, solution.active),
+            self._sentence(status, residual, mismatch, active),
         )  # fmt: skip
 
     # --- parts of a tick ---
@@ -308,9 +315,8 @@ class InverseController:
             damping=self._damping.at(self._sensitivity.effector * limits.scale),
         )  # fmt: skip
         fastest = (limits.step - taken_up) / qp.scale
-        return qp._replace(
-            upper=np.minimum(qp.upper, fastest), at_upper=qp.at_upper & (qp.upper <= fastest)
-        ), taken_up
+        upper, lower = np.minimum(qp.upper, fastest), np.minimum(qp.lower, fastest)
+        return qp._replace(upper=upper, lower=lower, at_upper=qp.at_upper & (qp.upper <= fastest)), taken_up
 
     def _renewed(self) -> Sensitivity:
         """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older.
@@ -386,6 +392,15 @@ class InverseController:
         if max(self._rested, self._damping.stalled) >= PATIENCE_STALLED:
             return "stalled"
         return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
+
+    def _overloaded(self) -> tuple[str, ...]:
+        """Names of the torque limits that efforts exceed, whatever the program promised.
+
+        It knows how tensions follow from commands as long as routes are independent; what several tendons of
+        one route share is not theirs to choose.
+        """
+        over = np.abs(self.model.joint_efforts) > (1.0 + OVERLOAD) * self.limits.torque
+        return tuple(f"{self.limits.names[joint]} torque" for joint in np.flatnonzero(over))
 
     def _is_nearest(self, task: Task, pose: Pose) -> bool:
         """Whether no step within the limits, however long it takes, leads nearer."""

@@ -61,7 +61,7 @@ AT_REST = 1e-8
 LOOSE = 1e-6
 """How far in [m] many tendons that say nearly the same may be from taut, where no program keeps all so."""
 
-LEAST_TENSION = 1e-8
+LEAST_TENSION = 1e-10
 """Weight of tensions in a program in tensions, as a part of its mean curvature: it decides what the task
 leaves open."""
 
@@ -239,7 +239,7 @@ def solve_taut(qp: QP, share: float = 1.0) -> Solution:
     unit[pulls] = 1.0 / np.linalg.norm(basis[:, pulls], axis=0)
     basis = basis * unit
     tensions = qp.h[slack] / unit[pulls]
-    for loose in (0.0, LOOSE):
+    for loose in (0.0, LOOSE, np.inf):  # joints that come back into their interval may let tendons go
         solution = solve(_in_tensions(qp, slack, pulls, basis, tensions, share, loose))
         if solution.status == "solved":
             break

@@ -1,7 +1,7 @@
 """Inverse control over robots, steps and goals: 200 goals that poses make reachable, and 100 outside.
 
-Seen on commit 5886f23: CommandError in 5 of 8 goals of bars with up to 19 tendons, as the program's answer was
-no number.
+Seen on commit 5886f23: CommandError in 5 of 8 goals of bars with up to 19 tendons, as the answer of the
+program was no number.
 """
 
 from __future__ import annotations

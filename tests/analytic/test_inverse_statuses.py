@@ -84,6 +84,54 @@ def test_a_goal_beyond_the_tip_is_unreachable() -> None:
 
 
 @pytest.mark.slow
+def test_tendons_that_start_outside_their_interval_are_led_back_into_it() -> None:
+    controller = InverseController(tendon_bar(8, 0.02), InverseSettings(lower=0.002))
+    controller.start()
+    controller.set_goal(Pose(tip(8, 0.006, 0.003), UPRIGHT))
+    statuses = {controller.tick().status for _ in range(20)}
+    assert "infeasible" not in statuses
+    assert controller.command.min() == 0.002
+
+
+@pytest.mark.slow
+def test_a_goal_is_not_reached_with_more_tension_than_allowed() -> None:
+    """Sixteen tendons on two cells share tension as the mesh has it, which commands do not steer."""
+    controller = InverseController(tendon_bar(16, 0.02), InverseSettings(torque_limit=2.0))
+    controller.start()
+    controller.set_goal(Pose(tip(16, 0.006, 0.003), UPRIGHT))
+    for _ in range(100):
+        report = controller.tick()
+        overloaded = np.flatnonzero(controller.model.joint_efforts > 2.1)
+        assert {f"tendon_{k} torque" for k in overloaded} <= set(report.active)
+        assert report.status != "reached" or not len(overloaded)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tendons", [8, pytest.param(16, marks=pytest.mark.exhaustive)])
+def test_weights_that_differ_do_not_make_a_goal_unreachable(tendons: int) -> None:
+    settings = InverseSettings(position_weights=(1000.0, 1.0, 1.0))
+    controller = InverseController(tendon_bar(tendons, 0.02), settings)
+    controller.start()
+    controller.set_goal(Pose(tip(tendons, 0.006, 0.003), UPRIGHT))
+    statuses = [controller.tick().status for _ in range(150)]
+    assert statuses[-1] == "reached"
+    assert "unreachable" not in statuses
+
+
+@pytest.mark.slow
+def test_the_goal_may_move_while_control_is_on_its_way() -> None:
+    controller = InverseController(tendon_bar(8, 0.02))
+    controller.start()
+    statuses = []
+    for pulls in ((0.004, 0.008), (0.0, 0.002, 0.01), (0.006, 0.003)):
+        controller.set_goal(Pose(tip(8, *pulls), UPRIGHT))
+        statuses += [controller.tick().status for _ in range(8)]
+    assert set(statuses) <= {"moving", "limited"}
+    assert {controller.tick().status for _ in range(150)} <= {"moving", "limited", "reached"}
+    assert controller.tick().status == "reached"
+
+
+@pytest.mark.slow
 def test_tendons_of_one_route_have_a_sensitivity() -> None:
     controller = InverseController(tendon_bar(3, 0.02, same=True))
     controller.start()
