@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -131,7 +131,13 @@ def calibration_sessions(description: CalibrationDescription, data: DataSet) -> 
 
 
 def _training_rows(session: Session) -> Session:
-    """The session without rows that are not used: nobody needs their equilibria."""
+    """The session as it is fitted: without rows that are not used, as nobody needs their equilibria.
+
+    Where the release is not known, no delay is fitted: the phase of the swing is free.
+    """
+    time = session.description.time
+    if time is not None and time.release == "unknown":
+        return replace(session, description=replace(session.description, time=replace(time, most_delay=0.0)))
     if session.times is not None:
         return session
     return session.part(np.flatnonzero(session.fitting))

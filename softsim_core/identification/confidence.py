@@ -19,7 +19,7 @@ import numpy as np
 from softsim_core.arrays import Array, BoolArray
 from softsim_core.errors import DataError
 from softsim_core.identification.fit import Calibration
-from softsim_core.identification.misfit import mean_error
+from softsim_core.identification.misfit import mean_distance
 from softsim_core.identification.problem import Problem
 from softsim_core.identification.session import Session
 from softsim_core.identification.validation import compared
@@ -77,8 +77,9 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
         predictions = problem.misfit.replayed(problem.values(part))
         for session, whole, of, prediction in zip(training, sessions, fold_of, predictions, strict=True):
             compare = compared(session, prediction)
-            fitted[session.name].append(mean_error(compare, session.fitting & compare.known))
-            left_out[session.name].append(mean_error(compare, whole.fitting & (of == fold) & compare.known))
+            errors, known = compare.fitted_errors(), compare.known
+            fitted[session.name].append(mean_distance(errors[session.fitting & known]))
+            left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & known]))
         if done is not None:
             done(fold + 1, count)
     return Folds(count, _means(fitted), _means(left_out))

@@ -130,6 +130,8 @@ class TimeColumn:
         first, last: Errors are told of the rows from `first` to `last` in [s]; None: of all from 0 on.
         start: "equilibrium": the model begins at rest under the first commands; "rest": in its rest shape,
             as a body that was held and is let go at time 0.
+        release: "known": a body that begins in its rest shape is let go at once, at time 0; "unknown": by a
+            hand, so a calibration takes no notice of the amplitude and the phase of its swing.
         most_delay: Sensors are late: a delay up to so much, to both sides, is fitted, in [s]; 0: none is.
     """
 
@@ -138,6 +140,7 @@ class TimeColumn:
     first: float = 0.0
     last: float | None = None
     start: Literal["equilibrium", "rest"] = "equilibrium"
+    release: Literal["known", "unknown"] = "known"
     most_delay: float = 0.0
 
     def __post_init__(self) -> None:
@@ -146,6 +149,8 @@ class TimeColumn:
             raise FieldError("time", "first", self.first, ">= 0 s")
         if self.last is not None and not self.first < self.last < math.inf:
             raise FieldError("time", "last", self.last, f"> first = {self.first:g} s")
+        if self.release == "unknown" and self.start != "rest":
+            raise FieldError("time", "release", repr(self.release), "known, or give start: rest")
         if not 0.0 <= self.most_delay < math.inf:
             raise FieldError("time", "most_delay", self.most_delay, ">= 0 s")
 
@@ -289,9 +294,10 @@ class SessionDescription:
 
     @property
     def fitted_numbers(self) -> int:
-        """How many numbers of frame, sensor points and delay are fitted to the rows."""
+        """How many numbers of frame, sensor points, delay and release are fitted to the rows."""
         delay = self.time is not None and self.time.most_delay > 0.0
-        return 6 * self.alignment.frame + 3 * self.alignment.point * len(self.sensors) + delay
+        release = 2 * (self.time is not None and self.time.release == "unknown")
+        return 6 * self.alignment.frame + 3 * self.alignment.point * len(self.sensors) + delay + release
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

