@@ -43,6 +43,18 @@ a step of the model's has."""
 LET_GO = 300
 """Most iterations in which a model is let go."""
 
+RESTRAINED = 200
+"""Most iterations whose steps inertia restrains."""
+
+FARTHEST = 2.0
+"""Such a step moves nothing farther than this many elements' sizes."""
+
+RESTRAINT = 1e-3
+"""Mass over step squared of the first of them, over what a step of the model's has."""
+
+LESS, MORE = 0.2, 8.0
+"""By which that mass changes after a step that was short enough, and after one that was much too long."""
+
 SINGULAR = "the tangent is singular (is every body attached?)"
 NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
 
@@ -63,7 +75,7 @@ class StaticProblem:
         self.held = len(actuators)
         self.at = Unknowns(model)
         self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
-        self.iterations = 0
+        self.iterations, self.met_unstable = 0, False
         self.start = _copy(model, state)
         self.start.velocities[:] = 0.0
         self.start.reduced_velocities[:] = 0.0
@@ -79,7 +91,7 @@ class StaticProblem:
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
         self.lever, self.beside = self._levers(), _beside(model)
         volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
-        self.near = NEAR * float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
+        self.size = float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
         self.first_residual = np.zeros(self.at.size + self.held)
         try:
             self.first_residual = self._residual(self.start, 0.0)[0]
@@ -138,13 +150,14 @@ class StaticProblem:
             if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
                 raise self._failure("whole steps do not get shorter", goal, residual)
             self._move(state, step)
-            distant = distant and sizes[-1] > self.near
+            distant = distant and sizes[-1] > NEAR * self.size
             moved = None if distant else state.positions - started
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
         """Refuse an equilibrium in which nothing would stay, or that was reached through matter."""
         if not factors.positive:
+            self.met_unstable = True
             raise self._failure("only an unstable one", goal, residual)
         if (self._inverted(state) & ~self._inverted(before)).any():
             raise self._failure("only one with elements turned inside out", goal, residual)
@@ -174,8 +187,7 @@ class StaticProblem:
         Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation.
         """
         state, goal = _copy(self.model, self.start), 1.0
-        inertia = sp.diags(np.repeat(self.model.mass, 3) / self.model.dt**2, format="csr")
-        share = HEAVIEST
+        inertia, share = self._inertia(), HEAVIEST
         residual, forces = self._residual(state, goal)
         while self.iterations < LET_GO:
             stiffness = node_stiffness(self.model, state, self.parameters, distant=True) + share * inertia
@@ -195,6 +207,50 @@ class StaticProblem:
                 state.copy_from(before)
                 share *= 8.0
         raise self._failure("what was let go found no place to stay", goal, residual)
+
+    def restrained(self, before: State, tolerance: float) -> State:
+        """The equilibrium under the whole load from an earlier one, by Newton steps that inertia restrains.
+
+        The exact tangent, with the stress that the last step found, and the mass over the square of a step:
+        so much of it that the sum is positive, more where steps are long, less and less where they are short,
+        none in the end. Steps need not leave less of the residual than there was: what is flexible in bending
+        and axially stiff is first stretched by each turn, which stalls a line search.
+
+        Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation; Magisano,
+        Leonetti, Garcea 2017, How to improve efficiency and robustness of the Newton method.
+        """
+        state, goal, inertia, share = self._predicted(before, 1.0), 1.0, self._inertia(), RESTRAINT
+        farthest = FARTHEST * self.size or np.inf
+        moved: Array | None = None
+        last = self.iterations + RESTRAINED
+        while self.iterations < last:
+            residual, forces = self._residual(state, goal)
+            stiffness = node_stiffness(self.model, state, self.parameters, moved=moved)
+            factors = self._factors(state, forces, goal, stiffness + share * inertia)
+            if not factors.positive and share < HEAVIEST / LIGHTEST:
+                share = max(MORE * share, LIGHTEST)
+                continue
+            step = self._solve(factors, residual, state)
+            size = self._size(step)
+            if not size < np.inf:
+                raise self._failure(SINGULAR, goal, residual)
+            if size <= tolerance and not share:
+                self._accept(state, before, factors, goal, residual)
+                self._move(state, step)
+                return state
+            if size > farthest:
+                step *= farthest / size
+                share = max(MORE * share, LIGHTEST) if size > 3.0 * farthest else share
+            else:
+                share = LESS * share if LESS * share >= LIGHTEST else 0.0
+            started = state.positions.copy()
+            self._move(state, step)
+            moved = state.positions - started
+        raise self._failure(f"no convergence in {RESTRAINED} restrained steps", goal, residual)
+
+    def _inertia(self) -> sp.csr_matrix:
+        """Mass of the nodes over the square of the model's step in [N/m], shape (3 n, 3 n)."""
+        return sp.diags(np.repeat(self.model.mass, 3) / self.model.dt**2, format="csr")
 
     def finish(self, state: State) -> float:
         """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""

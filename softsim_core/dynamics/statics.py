@@ -9,9 +9,10 @@ an iteration solves
 and adds dq, all or part of it (see WAYS). Actuators add H^T t to f, their geometric stiffness to the tangent,
 and s - q + c t to what is solved; see actuator_statics. A load that is too far
 is approached in parts: joint targets and base shift move evenly, and the residual of the first state is taken
-away evenly. Where the first state could not stay whatever held it (bodies may be drawn far from rest), it is
-let go before joints and base move. What comes out is checked: the last step is tiny, the equilibrium stable,
-and no element was turned inside out.
+away evenly; where that takes long, inertia restrains the steps instead (see StaticProblem.restrained). Where
+the first state could not stay whatever held it (bodies may be drawn far from rest), such steps come first, or
+it is let go before joints and base move. What comes out is checked: the last step is tiny, the equilibrium
+stable, and no element was turned inside out.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -36,6 +37,9 @@ SMALLEST_PART = 1.0 / 1024.0
 
 SMALLER = 1.0 / 4.0
 """A load step that does not lead to an equilibrium is tried again with this part of it."""
+
+PATIENCE = 60
+"""Iterations of load steps after which restrained steps are tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +71,8 @@ def solve_static(
 ) -> StaticSolution:
     """The stable equilibrium under a constant control that is reached from `state`.
 
+    Where there are several, it is not always the one that a load which grows slowly leads to.
+
     Args:
         model: The model.
         state: Where to start; it is not changed. Velocities do not matter; held nodes stay where they are.
@@ -85,26 +91,44 @@ def solve_static(
         try:
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
         except NotConvergedError:
-            part = SMALLER
-            if not problem.starts_stable:
+            part, stable = SMALLER, problem.starts_stable
+            found = None if stable else _restrained(problem, problem.start, tolerance)
+            if found is None and not stable:
                 standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
                 first = StaticProblem(model, standing, parameters, state, acting, chosen)
                 settled, spent, part = first.let_go(tolerance), problem.iterations + first.iterations, 1.0
                 problem = StaticProblem(model, control, parameters, settled, acting, chosen)
                 problem.iterations = spent
-            current, steps = _in_parts(problem, tolerance, part)
+            current, steps = (found, 1) if found is not None else _in_parts(problem, tolerance, part)
         residual = problem.finish(current)
     return StaticSolution(current, problem.iterations, steps, residual)
 
 
+def _restrained(problem: StaticProblem, before: State, tolerance: float) -> State | None:
+    """The equilibrium under the whole load by restrained steps from a state; None: they lead to none."""
+    try:
+        return problem.restrained(before, tolerance)
+    except (NotConvergedError, np.linalg.LinAlgError):  # the latter of the rotations of elements
+        return None
+
+
 def _in_parts(problem: StaticProblem, tolerance: float, part: float) -> tuple[State, int]:
-    """The equilibrium under the whole load, of which a part is tried first, and how many parts it took."""
-    current, reached, steps = problem.start, 0.0, 0
+    """The equilibrium under the whole load, of which a part is tried first, and how many parts it took.
+
+    Where parts take long, restrained steps are tried once in the place of all that are left; not where an
+    unstable equilibrium was met: which way a column buckles would depend on round-off.
+    """
+    current, reached, steps, tried = problem.start, 0.0, 0, False
+    soon = problem.iterations + PATIENCE
     while reached < 1.0:
         goal = min(1.0, reached + part)
         try:
             current = problem.newton(current, goal, tolerance)
         except NotConvergedError as failure:
+            if problem.iterations > soon and not tried and not problem.met_unstable:
+                tried = True
+                if (found := _restrained(problem, current, tolerance)) is not None:
+                    return found, steps + 1
             part *= SMALLER
             if part < SMALLEST_PART:
                 raise failure
