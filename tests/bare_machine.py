@@ -10,7 +10,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 TOOLS = ("sh", "cat", "cksum", "dirname", "readlink", "head", "printf")  # of every POSIX system
-NEEDED_FILES = ("softsim", "pyproject.toml", "constraints.txt")
+NEEDED_FILES = ("softsim", "pyproject.toml", "requirements.lock")
 
 
 def executable(file: Path, text: str) -> Path:

@@ -48,6 +48,7 @@ class PackageIndex:
         packages: A wheel by the name of its package.
 
     Attributes:
+        packages: A wheel by the name of its package; may be exchanged.
         trouble: What befalls the wheel of a package, by its name; GONE hides the package.
         asked: Paths that were asked for, in order.
         stalled: Set once a download hangs.
@@ -55,7 +56,7 @@ class PackageIndex:
     """
 
     def __init__(self, packages: Mapping[str, bytes]) -> None:
-        self.packages, self.trouble = packages, dict[str, str]()
+        self.packages, self.trouble = dict(packages), dict[str, str]()
         self.asked: list[str] = []
         self.stalled, self._over = threading.Event(), threading.Event()
         index = self

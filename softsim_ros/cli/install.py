@@ -18,10 +18,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-EXTRAS = "test,viewer,recording,report,c3d,mesh,arm,completion"  # on every machine; ros where its wheels fit
 NEEDED_BYTES = 1_500_000_000  # measured: 1.1 GB on disk, and the wheels pass through a cache
 TAIL_LINES, TAIL_COLUMNS = 15, 200
 BEAT_S = 0.2  # of the moving line in a terminal
@@ -29,6 +28,11 @@ QUIET_BEAT_S = 15.0  # between lines where there is no terminal
 EXIT_INTERRUPTED = 130
 
 CAUSES = (  # what an installer's log says -> what a person can do
+    (
+        r"Hash mismatch|DO NOT MATCH THE HASHES|--require-hashes mode|Hash-checking is required",
+        "a package came damaged or is not the one that requirements.lock describes, and was not installed; "
+        "start again, and if it stays so, look which index pip is set up to use (pip config list)",
+    ),
     (
         r"No space left on device|Errno 28|Disk quota exceeded",
         "the disk is full; free about 1.5 GB, or put the environment elsewhere with SOFTSIM_HOME=/other/disk",
@@ -54,7 +58,7 @@ CAUSES = (  # what an installer's log says -> what a person can do
 )
 
 
-HOPELESS = 3
+HOPELESS = 4
 """After a failure for one of the first so many causes, another installer fails as well."""
 
 OF_UV = {  # option of pip -> variable of uv
@@ -67,6 +71,11 @@ OF_UV = {  # option of pip -> variable of uv
     "proxy": "HTTPS_PROXY",
     "cert": "SSL_CERT_FILE",
 }
+
+LOCKED = re.compile(r"^([a-z0-9._-]+)==.*(?:\n[ \t]+.*)*\n", re.MULTILINE)
+"""One package of requirements.lock: its name, version and condition, and the hashes of its files below."""
+
+TOTAL_STAGES = 5
 
 WITHOUT_UV = "SOFTSIM_WITHOUT_UV"
 """Set to 1, pip installs, also where uv could be fetched."""
@@ -272,8 +281,15 @@ def uv_settings() -> dict[str, str]:
     return {"UV_NO_CONFIG": "1"}
 
 
-def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path], dict[str, str]] | None:
+def locked(lock: str, wanted: Callable[[str], bool]) -> str:
+    """Return the part of a lock that holds the packages with wanted names, with their versions and hashes."""
+    return "".join(found[0] for found in LOCKED.finditer(lock) if wanted(found[1]))
+
+
+def installer(python: Path, stages: Stages, of_uv: Path) -> tuple[list[str | Path], dict[str, str]] | None:
     """Command and variables of uv: of the PATH, else fetched into the environment; None: plain pip has to do.
+
+    `of_uv` is the file that locks it.
 
     Raises:
         InstallError: it cannot be fetched, and pip could fetch nothing either.
@@ -281,7 +297,7 @@ def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path
     uv: str | Path | None = shutil.which("uv")
     if uv is None and os.environ.get(WITHOUT_UV, "0") in ("", "0"):
         uv = python.with_name("uv")
-        fetch: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input", "-c", pins, "uv"]
+        fetch: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input", *of_file(of_uv)]
         try:
             stages.run("Fetching the installer (uv)", fetch)
         except InstallError as error:
@@ -301,9 +317,17 @@ def installer(python: Path, stages: Stages, pins: Path) -> tuple[list[str | Path
     return command, uv_variables(settings)
 
 
-def make_environment(root: Path, home: Path, stages: Stages, extras: str) -> None:
-    """Build `home/venv` and install the checkout at `root` into it, editable, with pinned versions."""
-    venv, pins = home / "venv", root / "constraints.txt"
+def of_file(requirements: Path) -> list[str | Path]:
+    """Return the options that install what a file lists, if each download has one of the hashes there."""
+    return ["--require-hashes", "-r", requirements]
+
+
+def make_environment(root: Path, home: Path, stages: Stages, with_ros: bool) -> None:
+    """Build `home/venv` and install the checkout at `root` into it, editable, with what it needs.
+
+    Everything that is fetched has a version and a hash in `root/requirements.lock`.
+    """
+    venv, lock = home / "venv", (root / "requirements.lock").read_text(encoding="utf-8")
     python = venv / "bin" / "python"
     if not python.exists():
         uv = shutil.which("uv")
@@ -311,20 +335,33 @@ def make_environment(root: Path, home: Path, stages: Stages, extras: str) -> Non
         stages.run(f"Making a Python {platform.python_version()} environment in {venv}", [*maker, venv])
     else:
         stages.number += 1
-    wanted = [["setuptools"], ["--no-build-isolation", "-e", f"{root}[{extras}]"]]
-    titles = ["Installing the build tool", "Installing softsim and what it needs (about 300 MB to fetch)"]
+    needed = {
+        "uv": lambda name: name == "uv",
+        "tool": lambda name: name == "setuptools",
+        "all": lambda name: name != "uv" and (with_ros or not name.startswith("ros-")),
+    }
+    files = {what: home / f"requirements-{what}.txt" for what in needed}
+    for what, wanted in needed.items():
+        files[what].write_text(locked(lock, wanted), encoding="utf-8")
+    found = installer(python, stages, files["uv"])
     pip: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input"]
-    found = installer(python, stages, pins)
-    for title, words in zip(titles, wanted, strict=True):
+    for title, words in (
+        ("Installing the build tool", of_file(files["tool"])),
+        (
+            "Installing what softsim needs (about 300 MB to fetch)",
+            ["--no-build-isolation", *of_file(files["all"])],
+        ),
+        ("Installing softsim", ["--no-build-isolation", "--no-deps", "-e", root]),
+    ):
         command, variables = found or (pip, {})
         try:
-            stages.run(title, [*command, "-c", pins, *words], variables)
+            stages.run(title, [*command, *words], variables)
         except InstallError as error:
             if found is None or error.is_hopeless or not python.with_name("pip").exists():
                 raise
             print("softsim: uv did not manage; trying pip", file=sys.stderr)
             found, stages.number = None, stages.number - 1
-            stages.run(title, [*pip, "-c", pins, *words])
+            stages.run(title, [*pip, *words])
 
 
 def install(root: Path, home: Path, stamp: str) -> None:
@@ -362,9 +399,8 @@ def install(root: Path, home: Path, stamp: str) -> None:
             )
         unfinished.touch()
         stamp_file.unlink(missing_ok=True)
-        extras = EXTRAS if missing else f"ros,{EXTRAS}"
         try:
-            make_environment(root, home, Stages(home / "install.log", total=4), extras)
+            make_environment(root, home, Stages(home / "install.log", TOTAL_STAGES), not missing)
             whole = home / "stamp.new"  # a stamp is there whole or not at all, whatever happens now
             whole.write_text(stamp + "\n", encoding="utf-8")
             whole.replace(stamp_file)

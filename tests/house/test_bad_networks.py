@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,8 +16,6 @@ import pytest
 from bare_machine import Machine, one_sentence
 from package_index import CUT, GONE, STALL, PackageIndex, wheel
 from waiting import DEADLINE_S
-
-from softsim_ros.cli.install import EXTRAS
 
 pytestmark = [pytest.mark.slow, pytest.mark.packaging]
 
@@ -54,9 +54,12 @@ def newcomer(request: pytest.FixtureRequest, tmp_path: Path, index: PackageIndex
     machine.installer = request.param
     (machine.checkout / "pyproject.toml").write_text(PROJECT)
     (machine.checkout / "backend.py").write_text(BACKEND)
-    (machine.checkout / "constraints.txt").write_text("many==1.0\n")
-    extras = ("ros", *EXTRAS.split(","))
-    whole = wheel("softsim", {"softsim-1.0.data/scripts/softsim": HELLO}, ("many",), extras)
+    lock = "".join(
+        f"{name}==1.0 \\\n    --hash=sha256:{hashlib.sha256(index.packages.get(name, b'')).hexdigest()}\n"
+        for name in (*index.packages, "uv")
+    )
+    (machine.checkout / "requirements.lock").write_text(lock)
+    whole = wheel("softsim", {"softsim-1.0.data/scripts/softsim": HELLO}, ("many",))
     (machine.checkout / "whole.whl").write_bytes(whole)
     here = Path(sys.base_prefix) / "bin" / f"python3.{sys.version_info.minor}"
     (machine.bin / here.name).symlink_to(here)
@@ -86,10 +89,8 @@ def test_a_network_that_is_slow_or_gone_in_the_middle(newcomer: Machine, index: 
     for trouble in (STALL, CUT) if newcomer.installer == "uv" else (CUT,):
         index.trouble["many"] = trouble
         done = newcomer.start("hello", **({"PIP_DEFAULT_TIMEOUT": "1"} if trouble == STALL else {}))
-        assert "cannot be reached, or breaks off; connect to the network" in one_sentence(done), (
-            trouble,
-            done.stderr,
-        )
+        sentence = {"uv": "cannot be reached, or breaks off; connect to the network", "pip": "came damaged"}
+        assert sentence[newcomer.installer] in one_sentence(done), (trouble, done.stderr)
         nothing_is_half_made(newcomer)
     index.trouble["many"] = STALL
     index.stalled.clear()
@@ -129,4 +130,26 @@ def test_a_disk_that_fills_up(newcomer: Machine, index: PackageIndex, tmp_path: 
 def test_a_package_that_the_index_has_not(newcomer: Machine, index: PackageIndex) -> None:
     index.trouble["many"] = GONE
     assert "offers no build of a pinned package" in one_sentence(newcomer.start("hello"))
+    nothing_is_half_made(newcomer)
+
+
+@pytest.mark.parametrize("exchanged", ["setuptools", "many"])
+def test_a_package_that_was_exchanged_is_not_installed(
+    newcomer: Machine, index: PackageIndex, exchanged: str
+) -> None:
+    index.packages[exchanged] = wheel(exchanged, {f"{exchanged}/__init__.py": "print('harm')"})
+    done = newcomer.start("hello")
+    assert "is not the one that requirements.lock describes, and was not installed" in one_sentence(done)
+    assert "harm" not in done.stdout
+    nothing_is_half_made(newcomer)
+
+
+def test_a_package_that_nothing_describes_is_not_installed(newcomer: Machine, index: PackageIndex) -> None:
+    more = wheel("more", {"more.py": ""})
+    index.packages |= {"more": more, "many": wheel("many", {"many.py": ""}, ("more",))}
+    digest = hashlib.sha256(index.packages["many"]).hexdigest()
+    lock = newcomer.checkout / "requirements.lock"
+    lock.write_text(re.sub(r"(many==1.0 .*\n.*sha256:)\w+", rf"\g<1>{digest}", lock.read_text()))
+    assert "is not the one that requirements.lock describes" in one_sentence(newcomer.start("hello"))
+    assert not any(path.startswith("/files/more") for path in index.asked)
     nothing_is_half_made(newcomer)

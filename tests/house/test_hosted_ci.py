@@ -87,10 +87,18 @@ def test_no_step_can_write_to_the_repository(workflow: Path) -> None:
             assert step["with"]["persist-credentials"] is False
 
 
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda file: file.stem)
+def test_actions_are_commits_beside_the_tag_that_they_had(workflow: Path) -> None:
+    used = re.findall(r"uses: *(.+)", workflow.read_text())
+    assert used
+    pinned = re.compile(r"[\w./-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+")
+    assert [each for each in used if not pinned.fullmatch(each)] == []
+
+
 def test_the_image_runs_as_an_ordinary_user_on_a_fixed_release() -> None:
     lines = (REPOSITORY / "Dockerfile").read_text().splitlines()
     (base,) = (line for line in lines if line.startswith("FROM "))
-    assert re.fullmatch(r"FROM python:3\.\d+\.\d+-slim-[a-z]+", base)
+    assert re.fullmatch(r"FROM python:3\.\d+\.\d+-slim-[a-z]+@sha256:[0-9a-f]{64}", base)
     user = lines.index("USER softsim")
     assert not [line for line in lines[user:] if "root" in line]
     assert lines.index('ENTRYPOINT ["softsim"]') > user

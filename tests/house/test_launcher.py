@@ -46,7 +46,7 @@ echo "$@" >>"{machine.folder}/uv.log"
 echo "$UV_DEFAULT_INDEX|$UV_INDEX|$UV_FIND_LINKS" >>"{machine.folder}/uv.index"
 case "$*" in
 venv\\ *) phase=venv ;;
-*\\ setuptools) phase=tool ;;
+*-tool.txt) phase=tool ;;
 *) phase=packages ;;
 esac
 while [ -e "{machine.folder}/hang-$phase" ]; do sleep 0.05; done
@@ -114,7 +114,7 @@ def test_first_use_installs_and_later_starts_do_not(installable: Machine) -> Non
     first = installable.start("hello", "a b")
     assert first.returncode == 0, first.stderr
     assert first.stdout == "hello from hello a b\n"
-    assert "[4/4]" in first.stderr
+    assert "[5/5]" in first.stderr
     calls = uv_calls(installable)
     later = installable.start("again")
     assert (later.stdout, later.stderr) == ("hello from again\n", "")
@@ -125,7 +125,7 @@ def test_first_use_installs_and_later_starts_do_not(installable: Machine) -> Non
 def test_new_pins_are_installed(installable: Machine) -> None:
     installable.start("hello")
     calls = uv_calls(installable)
-    with (installable.checkout / "constraints.txt").open("a") as pins:
+    with (installable.checkout / "requirements.lock").open("a") as pins:
         pins.write("# another pin\n")
     assert installable.start("hello").returncode == 0
     assert uv_calls(installable) > calls
@@ -196,7 +196,7 @@ def test_uv_asks_the_index_that_pip_is_told(installable: Machine) -> None:
     done = installable.start("hello", PIP_INDEX_URL=own, PIP_EXTRA_INDEX_URL=more, PIP_FIND_LINKS="/x /y")
     assert done.returncode == 0, done.stderr
     asked = (installable.folder / "uv.index").read_text().splitlines()
-    assert asked[1:] == [f"{own}|{more}|/x,/y"] * 2
+    assert asked[1:] == [f"{own}|{more}|/x,/y"] * 3
 
 
 def test_an_interrupt_while_another_installs_leaves_that_alone(installable: Machine) -> None:
@@ -229,7 +229,7 @@ def test_two_at_once_install_once(installable: Machine) -> None:
             outputs = [first.communicate(timeout=DEADLINE_S)[0], second.communicate(timeout=DEADLINE_S)[0]]
     assert "another terminal is making the environment" in said
     assert outputs == ["hello from hello\n", "hello from hello\n"]
-    assert uv_calls(installable) == 3  # one environment, two installs into it
+    assert uv_calls(installable) == 4  # one environment, three installs into it
 
 
 def test_help_needs_no_environment() -> None:
@@ -252,5 +252,5 @@ def test_pip_without_a_network(tmp_path: Path) -> None:
     done = machine.start(
         "doctor", SOFTSIM_PYTHON=sys.executable, PIP_PROXY=closed, PIP_RETRIES="1", PIP_CONFIG_FILE=os.devnull
     )
-    assert "[2/4]" in done.stderr
+    assert "[2/5]" in done.stderr
     assert "cannot be reached" in one_sentence(done)

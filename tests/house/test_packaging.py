@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import softsim_core
 from softsim_ros.launch_plan import Wishes, plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+LOCKED = re.compile(r"^([a-z0-9._-]+==[^\n\\]+)((?:\\\n    --hash=\S+ ?)*)", re.MULTILINE)
 WORKSPACE = REPOSITORY / "ros2_ws" / "src"
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 ROSDEP = {
@@ -55,7 +59,39 @@ def test_every_requirement_is_pinned() -> None:
     assert [name for name in names if name.lower() not in pinned] == []
 
 
-@pytest.mark.parametrize("name", ["pyproject.toml", "constraints.txt", "softsim", ".ci/run"])
+def test_what_is_locked_has_hashes_and_the_versions_of_the_pins() -> None:
+    packages = LOCKED.findall((REPOSITORY / "requirements.lock").read_text())
+    assert len(packages) > 100
+    assert [head for head, hashes in packages if not re.search(r"--hash=sha256:[0-9a-f]{64}\b", hashes)] == []
+    pinned = {
+        line.partition(";")[0].strip() for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+    }
+    assert {head.partition(";")[0].strip() for head, _ in packages} <= pinned
+
+
+def test_all_that_the_environment_needs_is_locked() -> None:
+    """What `./softsim` installs is fetched from the lock alone: it has to be whole."""
+    text = (REPOSITORY / "requirements.lock").read_text()
+    locked = {head.partition("==")[0] for head, _ in LOCKED.findall(text)}
+    extras, found = set(re.findall(r"--extra (\w+)", text)), set[str]()
+    waiting = [("softsim", frozenset(extras))]
+    while waiting:
+        name, wanted = waiting.pop()
+        for line in importlib.metadata.requires(name) or []:
+            need = Requirement(line)
+            told = [{"extra": extra} for extra in wanted or [""]]
+            if need.marker is None or any(need.marker.evaluate(each) for each in told):
+                canonical = canonicalize_name(need.name)
+                if canonical not in found:
+                    found.add(canonical)
+                    waiting.append((need.name, frozenset(need.extras)))
+    assert {"numpy", "pytest", "viser"} <= found
+    assert found <= locked
+
+
+@pytest.mark.parametrize(
+    "name", ["pyproject.toml", "constraints.txt", "requirements.lock", "softsim", ".ci/run"]
+)
 def test_no_package_registry_is_named(name: str) -> None:
     assert not re.search(r"https?://|index-url", (REPOSITORY / name).read_text())
 

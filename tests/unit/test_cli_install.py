@@ -51,6 +51,11 @@ def test_where_the_ros_wheels_run(
         ),
         ("OSError: [Errno 13] Permission denied: '/opt/x'", "check the owner"),
         ("ERROR: No matching distribution found for numba==0.68.1", "try another one with SOFTSIM_PYTHON"),
+        (
+            "  x Failed to download `numpy==1.0`\n  Hash mismatch for `numpy==1.0`",
+            "requirements.lock describes",
+        ),
+        ("ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE", "requirements.lock describes"),
         ("something nobody has seen", "see the lines above"),
     ],
 )
@@ -93,57 +98,80 @@ class Recorded:
 
 NETWORK = "Failed to establish a new connection: Name or service not known"
 NOT_OFFERED = "ERROR: No matching distribution found for uv"
+LOCK = """# made by a command
+setuptools==1.0 \\
+    --hash=sha256:00
+numpy==1.0 ; python_full_version < '3.11' \\
+    --hash=sha256:01 \\
+    --hash=sha256:02
+ros-rcl==9.2.8
+uv==1.0 \\
+    --hash=sha256:03
+"""
 WITH_UV = [
     "-m venv VENV",
-    "pip install --no-input -c PINS uv",
+    "pip install --no-input --require-hashes -r HOME/requirements-uv.txt",
+    "VENV/bin/uv pip install",
     "VENV/bin/uv pip install",
     "VENV/bin/uv pip install",
 ]
-WITH_PIP = ["VENV/bin/python -I -u -m pip install"] * 2
+WITH_PIP = ["VENV/bin/python -I -u -m pip install"] * 3
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a lock, on a machine whose PATH has no program."""
+    (tmp_path / "requirements.lock").write_text(LOCK)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(install, "pip_settings", lambda _: {})
+    return tmp_path
 
 
 @pytest.mark.parametrize(
     ("fails", "expected"),
     [
         ({}, WITH_UV),
-        ({" uv": NOT_OFFERED}, [*WITH_UV[:2], *WITH_PIP]),
+        ({"-uv.txt": NOT_OFFERED}, [*WITH_UV[:2], *WITH_PIP]),
         ({"bin/uv pip": "error: something odd"}, [*WITH_UV[:3], *WITH_PIP]),
     ],
     ids=["uv is fetched", "uv cannot be had", "uv fails"],
 )
 def test_uv_installs_and_pip_where_it_cannot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: dict[str, str], expected: list[str]
+    checkout: Path, fails: dict[str, str], expected: list[str]
 ) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(install, "pip_settings", lambda _: {})
-    stages = Recorded(tmp_path / "venv", fails)
-    install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
+    stages = Recorded(checkout / "venv", fails)
+    install.make_environment(checkout, checkout, stages, True)  # type: ignore[arg-type]
     assert len(stages.commands) == len(expected)
     for line, part in zip(stages.commands, expected, strict=True):
-        assert part.replace("PINS", str(tmp_path / "constraints.txt")) in line
-    for line in stages.commands[1:]:
-        assert f"-c {tmp_path / 'constraints.txt'}" in line  # the pins hold for every installer
-    assert stages.commands[-1].endswith(f"-e {tmp_path}[ros]")
+        assert part.replace("HOME", str(checkout)) in line
+    for line in stages.commands[1:-1]:
+        assert f"--require-hashes -r {checkout}/requirements-" in line  # whatever installs
+    assert stages.commands[-1].endswith(f"--no-deps -e {checkout}")
 
 
-@pytest.mark.parametrize("word", [" uv", "bin/uv pip", "setuptools"])
-def test_without_a_network_pip_is_not_tried_as_well(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str
-) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(install, "pip_settings", lambda _: {})
-    stages = Recorded(tmp_path / "venv", {word: NETWORK})
+@pytest.mark.parametrize("with_ros", [True, False])
+def test_what_is_fetched_is_what_the_lock_describes(checkout: Path, with_ros: bool) -> None:
+    install.make_environment(checkout, checkout, Recorded(checkout / "venv", {}), with_ros)  # type: ignore[arg-type]
+    of = {part: (checkout / f"requirements-{part}.txt").read_text() for part in ("uv", "tool", "all")}
+    assert of["uv"] == "uv==1.0 \\\n    --hash=sha256:03\n"
+    assert of["tool"] == "setuptools==1.0 \\\n    --hash=sha256:00\n"
+    numpy = "numpy==1.0 ; python_full_version < '3.11' \\\n    --hash=sha256:01 \\\n    --hash=sha256:02\n"
+    assert of["all"] == of["tool"] + numpy + "ros-rcl==9.2.8\n" * with_ros
+
+
+@pytest.mark.parametrize("word", ["-uv.txt", "bin/uv pip", "-tool.txt"])
+def test_without_a_network_pip_is_not_tried_as_well(checkout: Path, word: str) -> None:
+    stages = Recorded(checkout / "venv", {word: NETWORK})
     with pytest.raises(install.InstallError, match="new connection"):
-        install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
+        install.make_environment(checkout, checkout, stages, True)  # type: ignore[arg-type]
     assert word in stages.commands[-1]
 
 
-def test_a_person_may_do_without_uv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
+def test_a_person_may_do_without_uv(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(install.WITHOUT_UV, "1")
-    stages = Recorded(tmp_path / "venv", {})
-    install.make_environment(tmp_path, tmp_path, stages, "ros")  # type: ignore[arg-type]
-    assert not any("uv" in line.replace("--no-input", "") for line in stages.commands)
+    stages = Recorded(checkout / "venv", {})
+    install.make_environment(checkout, checkout, stages, True)  # type: ignore[arg-type]
+    assert not any("uv" in line for line in stages.commands)
 
 
 def test_uv_is_told_what_pip_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

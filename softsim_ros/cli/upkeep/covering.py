@@ -126,6 +126,7 @@ TESTS: Mapping[str, str] = {
     "Dockerfile": "house/hosted_ci",
     "pyproject.toml": "house/distribution house/packaging",
     "constraints.txt": "house/packaging",
+    "requirements.lock": "house/packaging",
     "mkdocs.yml": "docs",
     "CONTRIBUTING.md": "docs house/covering",
     "README.md": "docs house/distribution tutorials",
