@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import subprocess
+import sys
 import threading
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -76,18 +79,26 @@ def test_the_first_start_is_ended_while_it_compiles(
     assert not any(cache.rglob("ready-*"))  # what says that all kernels are compiled
 
 
-def end_at_random_moments(folder: Path, monkeypatch: pytest.MonkeyPatch, count: int, latest_s: float) -> None:
-    """Start a robot on an empty cache and end it, again and again; none crashes or leaves a process."""
-    draw = random.Random(count)
+def end_at_random_moments(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, count: int, latest_s: float, seed: int = 0
+) -> Counter[int]:
+    """Start a robot on an empty cache and end it, again and again; none crashes or leaves a process.
+
+    Returns:
+        How often each exit code was seen.
+    """
+    draw = random.Random(count + seed)
+    codes = Counter[int]()
     for number in range(count):
-        kernels = folder / f"kernels {number}"
+        kernels = folder / f"kernels {seed} {number}"
         monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
         words = ("up", "tripod", "--headless", "--no-viewer", "--send")
-        up = NodeProcess("softsim_ros.cli", words, folder / f"up {number}.txt")
+        up = NodeProcess("softsim_ros.cli", words, folder / f"up {seed} {number}.txt")
         moment = draw.uniform(0.0, latest_s)
         with pytest.raises(subprocess.TimeoutExpired):
             up.process.wait(moment)
         code = up.end(draw.choice([signal.SIGINT, signal.SIGTERM]))
+        codes[code] += 1
         # Before Python runs the first line of the suite a signal ends the process as it ends any other, and
         # an interrupt that Python meets in the text of an `exec`, as of dataclasses, it repeats as a signal.
         early = not up.output or "KeyboardInterrupt" in up.output
@@ -95,6 +106,21 @@ def end_at_random_moments(folder: Path, monkeypatch: pytest.MonkeyPatch, count: 
         assert code in allowed, (moment, up.state)
         assert early or "Traceback" not in up.output, (moment, up.state)
         assert spin_until(lambda kernels=kernels: not processes_with(str(kernels))), moment
+        shutil.rmtree(kernels, ignore_errors=True)
+        print(f"{number} after {moment:.1f} s: {code}", flush=True)
+    return codes
+
+
+@contextmanager
+def busy_programs(count: int) -> Iterator[None]:
+    """Keep processor cores busy with programs that only count."""
+    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
 
 
 def processes_with(text: str) -> list[Path]:
@@ -115,11 +141,13 @@ def test_a_robot_is_ended_at_random_moments_of_its_first_start(
 
 
 @pytest.mark.exhaustive
+@pytest.mark.parametrize("busy", [0, 2], ids=["alone", "beside busy programs"])
 def test_a_robot_is_ended_at_any_moment_of_its_first_minute(
-    tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch, busy: int
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    end_at_random_moments(tmp_path, monkeypatch, 300, 60.0)
+    with busy_programs(busy):
+        print(end_at_random_moments(tmp_path, monkeypatch, 150, 60.0, busy))
 
 
 def test_softsim_up_is_ended_at_rest_while_its_physics_compiles(start: ProcessGroup, tmp_path: Path) -> None:
