@@ -106,6 +106,24 @@ CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.
 """Signals by which a process ends that nobody ended."""
 
 
+def resident_mb(pid: int) -> float:
+    """Resident memory of a process in [MB]."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return float(line.split()[1]) * 1024 / 1e6
+    raise AssertionError(f"process {pid} has ended")
+
+
+def descendants(pid: int) -> list[int]:
+    """The processes that a process has started, and those that they have."""
+    found = []
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):  # the thread has ended
+            for child in map(int, file.read_text().split()):
+                found += [child, *descendants(child)]
+    return found
+
+
 class NodeProcess:
     """A node in a process and session of its own; what it writes goes to a file."""
 

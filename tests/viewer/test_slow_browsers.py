@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +13,7 @@ pytest.importorskip("viser")
 
 import viser
 from diagnostic_msgs.msg import DiagnosticArray
+from node_processes import resident_mb
 from tcp_ports import free_port
 from waiting import DEADLINE_S
 
@@ -22,14 +22,6 @@ from softsim_ros.messages import diagnostic_values
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 VIEWER = "softsim_ros.viewer.viewer_node"
-MEGABYTE = 1e6
-
-
-def resident_mb(pid: int) -> float:
-    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-        if line.startswith("VmRSS:"):
-            return float(line.split()[1]) * 1024 / MEGABYTE
-    raise AssertionError("no memory told")
 
 
 def connected(port: int) -> socket.socket:
