@@ -114,6 +114,7 @@ TESTS: Mapping[str, str] = {
     "servo_bridge/emulator": "firmware",
     "servo_bridge/firmware": "firmware",
     "configs": "house/launch identification/shipped* measured tutorials unit/parts unit/scene* unit/urdf",
+    "configs/dds": "ros/loopback*",
     "examples": "examples house/launch",
     "docs": "docs",
     "docs/tutorials": "docs tutorials",
