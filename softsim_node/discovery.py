@@ -9,6 +9,8 @@ from softsim_core.errors import SoftSimError, listing
 WISH = "SOFTSIM_DISCOVERY_RANGE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
+SKIP_CURRENT_FOLDER = "SKIP_DEFAULT_XML_FILE"
+"""Set to 1, Fast DDS reads no `DEFAULT_FASTRTPS_PROFILES.xml` in the current folder, which may be foreign."""
 
 REACHES = {
     "LOCALHOST": "nodes on this computer only",
@@ -47,6 +49,7 @@ def set_range(environment: MutableMapping[str, str]) -> None:
     """
     environment[RANGE] = wished_range(environment)
     environment.pop("ROS_LOCALHOST_ONLY", None)  # of older releases: it would beat the range
+    environment.setdefault(SKIP_CURRENT_FOLDER, "1")
 
 
 def sentence(environment: Mapping[str, str]) -> str:

@@ -204,3 +204,12 @@ def test_ros_starts_without_a_home(ros_domain: int) -> None:
         [sys.executable, "-c", code], env=without, capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.stdout, done.stderr) == ("up\n", "")
+
+
+def test_the_middleware_is_not_set_up_by_a_file_of_the_current_folder() -> None:
+    environment: dict[str, str] = {}
+    discovery.set_range(environment)
+    assert environment["SKIP_DEFAULT_XML_FILE"] == "1"
+    environment["SKIP_DEFAULT_XML_FILE"] = "0"  # who wants it says so
+    discovery.set_range(environment)
+    assert environment["SKIP_DEFAULT_XML_FILE"] == "0"
