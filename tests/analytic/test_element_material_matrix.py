@@ -232,6 +232,7 @@ def test_one_step_is_the_same_in_both_back_ends(cell: str, law: str) -> None:
     np.testing.assert_allclose(states[0].joint_efforts, states[1].joint_efforts, atol=1e-8 * efforts)
 
 
+@pytest.mark.slow
 @pairs
 def test_stiffness_of_the_frames_is_the_same_in_both_back_ends(cell: str, law: str) -> None:
     """The condensed static tangent of frames and joints, which inverse control asks for."""

@@ -83,6 +83,7 @@ def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: floa
     assert found.residual < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("turns", "most"), [(1, 200), (3, 150)])
 def test_a_wound_tendon_coils_a_rod_in_few_iterations(turns: int, most: int) -> None:
     """Pulled by a quarter of the rod's length, 165 and 119; in parts alone they were 237 and 187."""

@@ -111,6 +111,7 @@ def held(law: str, backend: str = "auto", dt: float = 0.01, **fields: Any) -> Sc
     return replace(described, solver=replace(described.solver, backend=backend))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["implicit_euler", "bossak"])
 def test_a_bar_that_is_held_pulls_less_and_less(method: str) -> None:
     described = held("stable_neo_hookean", order=2)
@@ -133,6 +134,7 @@ def test_a_bar_that_is_held_pulls_less_and_less(method: str) -> None:
     np.testing.assert_allclose(simulation.joint_efforts[0], long_term, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.numba
 @pytest.mark.parametrize(
     ("law", "order"), [("corotational", 1), ("corotational", 2), ("yeoh", 1), ("yeoh", 2)]

@@ -158,6 +158,7 @@ STRUCK = (
 """A ball that vertices of the wall ahead held up by 6 % of its speed, and one of too many pairs of edges."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [*drawn(1), *STRUCK], ids=lambda case: f"{case.ball}-{case.wall}")
 def test_a_ball_falls_freely_through_a_smooth_tube(case: Fall, tmp_path: Path) -> None:
     check(case, tmp_path)

@@ -55,6 +55,7 @@ def test_a_wrong_cell_is_named(tmp_path: Path, edit: dict[str, object], sentence
         session(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

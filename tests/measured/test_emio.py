@@ -198,6 +198,7 @@ def steps(backend: str) -> Array:
     return simulation.positions
 
 
+@pytest.mark.slow
 def test_both_implementations_step_alike() -> None:
     assert np.abs(steps("numba") - steps("scipy")).max() < 1e-9
 

@@ -72,6 +72,7 @@ def plugged(folder: Path, surface: Surface) -> tuple[Repaired, Repaired, float]:
     return before, repaired(cut, float("inf")), opening.width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTS)
 def test_a_plug_closes_the_opening(name: str, tmp_path: Path) -> None:
     before, after, width = plugged(tmp_path, PARTS[name])
@@ -82,6 +83,7 @@ def test_a_plug_closes_the_opening(name: str, tmp_path: Path) -> None:
     assert np.ptp(after.surface.points, axis=0) == pytest.approx(np.ptp(before.surface.points, axis=0))
 
 
+@pytest.mark.slow
 def test_only_the_channel_changes(tmp_path: Path) -> None:
     before, after, _ = plugged(tmp_path, PARTS["box"])
 
@@ -100,6 +102,7 @@ def stand_in(surface: SurfaceMesh, edge: float, how: object) -> TetMesh:
     raise MeshError(surface.name, f"{len(surface.points)} points to fill")
 
 
+@pytest.mark.slow
 def test_the_option_says_what_it_plugs_and_refuses_where_there_is_nothing(tmp_path: Path) -> None:
     options = MeshingOptions(size=0.006, plug=True)
     with pytest.raises(MeshError, match="points to fill"):

@@ -194,6 +194,7 @@ def test_it_starts_when_inverse_control_is_switched_on(
     assert spin_until(lambda: bench.follower._player.state == "idle")
 
 
+@pytest.mark.slow
 def test_a_path_waits_for_a_controller_that_is_silent(
     start_follower: Any, client: Any, spin_until: Any
 ) -> None:

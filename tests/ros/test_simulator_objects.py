@@ -125,7 +125,10 @@ def test_collision_surfaces_are_triangles_and_spheres_in_the_world() -> None:
     assert collision_markers(Simulation(load_scene("tripod")), Time()).markers == []
 
 
-@pytest.mark.parametrize("scene", ["tripod_ball", "cable_gripper", "tripod", "pneu_finger"])
+@pytest.mark.parametrize(
+    "scene",
+    ["tripod_ball", "cable_gripper", "tripod", pytest.param("pneu_finger", marks=pytest.mark.slow)],
+)
 def test_moving_markers_are_those_built_from_objects(scene: str) -> None:
     simulation = Simulation(load_scene(scene))
     cables = messages.MovingMarkers(cable_markers(simulation, Time()).markers)

@@ -150,6 +150,7 @@ JUNK = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(path=st.sampled_from(paths_in(LOAD)[1:]), junk=JUNK)
 def test_junk_anywhere_is_a_study_or_one_sentence(
     tmp_path_factory: pytest.TempPathFactory, path: tuple[Any, ...], junk: Any

@@ -100,6 +100,7 @@ def test_divided_gradients_find_the_solution_and_the_same_for_any_threads() -> N
     assert np.abs(whole @ results[0] - b).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
     layout, matrix = matrix_on_a_box((16, 12, 12))
     division, count = divided(layout, 0.0), len(layout.position)

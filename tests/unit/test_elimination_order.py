@@ -104,6 +104,7 @@ def solid_matrix(cells: int) -> sp.csc_matrix:
     return (sp.coo_matrix((blocks.ravel(), places), (size, size)) + sp.diags(np.ones(size))).tocsc()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [BLOCK - 1, BLOCK, 2 * BLOCK + 5, 3 * BLOCK + 64])
 def test_wide_panels_agree_with_dense_algebra(columns: int) -> None:
     rng = np.random.default_rng(columns)

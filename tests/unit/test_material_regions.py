@@ -104,6 +104,7 @@ def test_a_group_a_box_and_the_same_material_everywhere(tmp_path: Path) -> None:
     assert np.abs(ends[0] - ends[3]).max() > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.numba
 @pytest.mark.parametrize("law", ["corotational", "stable_neo_hookean"], ids=["one law", "two laws"])
 def test_both_back_ends_agree(law: str, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ LIMIT_S = {False: 5400, True: 600}
 
 MOST_WORKERS = 6
 """Each has a robot, a page and a browser of its own, about 1 GB. A third of the tests' time is waiting for
-processes, so that one worker more than cores keeps the cores busy."""
+processes, so that one worker more than cores keeps the cores busy; quick ones wait for nothing."""
 
 QUICK = "not slow and not exhaustive and not packaging"
 """Tests of `--quick`, as an expression of pytest's option -m."""
@@ -33,9 +33,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="leave the slow tests out")
     parser.add_argument(
         "--workers",
-        default=str(min((os.cpu_count() or 1) + 1, MOST_WORKERS)),
         metavar="N",
-        help="test processes (default: one more than cores; 0: in this one)",
+        help="test processes (default: one more than cores, with --quick as many; 0: in this one)",
     )
     parser.usage = "softsim test [--quick] [--workers N] [PATH ...] [pytest arguments]"
     parser.epilog = (
@@ -53,7 +52,8 @@ def command(arguments: argparse.Namespace, root: Path) -> list[str]:
         UncoveredPathError: no test covers a path.
     """
     words = python_command("pytest", f"--rootdir={root}", "-c", root / "pyproject.toml")
-    words += ["-n", arguments.workers, "--dist=loadfile"]
+    workers = min((os.cpu_count() or 1) + (not arguments.quick), MOST_WORKERS)
+    words += ["-n", arguments.workers or str(workers), "--dist=loadfile"]
     rest, has_paths = _with_tests(arguments.rest, root)
     if arguments.quick:
         words += ["-m", QUICK]
