@@ -24,8 +24,10 @@ from waiting import DEADLINE_S, spin_until
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-domains = deque(range(20, 100))
-"""ROS domains in the order of their use: what a test left behind in one is not met by the next test."""
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+domains = deque(range(20 + WORKER, 100, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))))
+"""ROS domains of this worker in the order of their use: what a test left behind in one is not met by the next
+test. A node that ends while another one is discovered may stay known to that one for ever."""
 domain_guards: list[int] = []
 """File descriptors of the ports that stand for the ROS domains of the running test."""
 
