@@ -191,6 +191,8 @@ class PathFollower(RobotNode):
             CommandError: no path runs.
         """
         self._player.pause(paused)
+        if self._before_silence is not None:  # what a person asks for in the silence holds after it
+            self._before_silence = "paused" if paused else "running"
         self._ticked_at = self._now()
         self._state_topics.refresh()
         return f"{'paused' if paused else 'running'} at {self._player.time:.2f} s"
@@ -226,8 +228,9 @@ class PathFollower(RobotNode):
             if before == "running" and self._player.state == "paused":
                 self.pause(False)
         elif not is_on and self._inverse.is_silent and self._player.state in ("running", "paused"):
-            self._before_silence = self._player.state
+            before = self._player.state
             self.pause(True)
+            self._before_silence = before
             self._warn("waiting: the inverse controller is silent")
         elif is_on and self._player.state != "running" and self._live.values.start_with_inverse:
             self._attempt_start()

@@ -215,6 +215,11 @@ def test_a_path_waits_for_a_controller_that_is_silent(
     lease(SimpleNamespace(alive_count_change=-1))
     lease(SimpleNamespace(alive_count_change=1))
     assert follower._player.state == "paused"  # as a person left it
+    assert bench.switch("pause", False)[0]
+    lease(SimpleNamespace(alive_count_change=-1))
+    assert bench.switch("pause", True)[0]
+    lease(SimpleNamespace(alive_count_change=1))
+    assert follower._player.state == "paused"  # as a person asked for in the silence
     lease(SimpleNamespace(alive_count_change=-1))
     assert client.node.destroy_publisher(enabled)
     assert spin_until(lambda: follower._player.state == "idle")
