@@ -38,13 +38,13 @@ class BaseHandle:
     def follow(self, position: Array) -> None:
         """Place it where the base is, (3,) in [mm]; a handle that is in the hand stays there."""
         if self._arrows is None:
-            self._arrows = self._make()
+            self._arrows = self._make(position)
         if not self._dragged and time.monotonic() - self._moved_at > HOLD_S:
             self._arrows.position = self._shown = position
 
-    def _make(self) -> Any:
+    def _make(self, position: Array) -> Any:
         arrows = self._scene.add_transform_controls(
-            "/base_handle", scale=30.0, disable_rotations=True, depth_test=False
+            "/base_handle", scale=30.0, disable_rotations=True, depth_test=False, position=position
         )
 
         async def moved(event: Any) -> None:

@@ -170,17 +170,18 @@ class EditStage:
             self._held = "" if self._held == name else self._held
         for name, place in places.items():
             if name not in self._handles:
-                self._handles[name] = self._make(name)
+                self._handles[name] = self._make(name, place * MM)
             if name != self._held:
                 self._handles[name].position = place * MM
 
-    def _make(self, name: str) -> Any:
+    def _make(self, name: str, position: Array) -> Any:
         handle = self._scene.add_transform_controls(
             f"/edit/{name}",
             scale=self._size * (0.11 if name == "size" else 0.18),
             disable_rotations=True,
             disable_sliders=True,
             depth_test=False,
+            position=position,
         )
 
         async def moved(event: Any) -> None:

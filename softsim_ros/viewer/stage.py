@@ -169,18 +169,23 @@ class Stage:
                 self._goal.remove()
                 self._goal, self._goal_dragged, self._goal_pose = None, False, None
             return
-        if self._goal is None:
-            self._make_goal()
-        elif self._goal_dragged or now - self._goal_moved_at < GOAL_HOLD_S:
+        if self._goal is not None and (self._goal_dragged or now - self._goal_moved_at < GOAL_HOLD_S):
             return
         x, y, z, w = pose.quaternion_xyzw
         shown = (*(np.array(pose.position) * MM), w, x, y, z)
-        if self._goal_pose is None or not np.allclose(shown, self._goal_pose, atol=1e-6):
-            self._goal_pose = shown
+        if self._goal is None:
+            self._make_goal(shown)
+        elif self._goal_pose is None or not np.allclose(shown, self._goal_pose, atol=1e-6):
             self._goal.position, self._goal.wxyz = shown[:3], shown[3:]
+        else:
+            return
+        self._goal_pose = shown
 
-    def _make_goal(self) -> None:
-        self._goal = self._server.scene.add_transform_controls("/goal", scale=25.0, depth_test=False)
+    def _make_goal(self, pose: tuple[float, ...]) -> None:
+        # A page may draw between two messages: a handle that is placed afterwards would flash at the origin.
+        self._goal = self._server.scene.add_transform_controls(
+            "/goal", scale=25.0, depth_test=False, position=pose[:3], wxyz=pose[3:]
+        )
         self._server.scene.add_icosphere("/goal/ball", radius=2.0, color=(240, 62, 62))
 
         async def moved(event: Any) -> None:

@@ -193,14 +193,19 @@ def last_goal(driven: Driven) -> Any:
     return driven.goals[-1].pose
 
 
+GOAL = "window.__viserMutable.nodeRefFromName['/goal'].position.toArray()"
+
+
 def drag_goal(driven: Driven, start: tuple[float, float, float], end: tuple[float, float, float]) -> Any:
     """The newest goal after a drag from and to places beside the goal's middle in mm; also that middle."""
     page, before = driven.page, len(driven.goals)
-    center = page.page.evaluate("window.__viserMutable.nodeRefFromName['/goal'].position.toArray()")
+    center = page.still(GOAL)
     first, last = (tuple(c + d for c, d in zip(center, off, strict=True)) for off in (start, end))
     page.drag(page.screen(first), page.screen(last))
     page.release()
-    assert driven.until(lambda: len(driven.goals) > before), "no goal came"
+    assert driven.until(lambda: len(driven.goals) > before), (
+        f"no goal came; the handle was at {center} and is at {page.page.evaluate(GOAL)}"
+    )
     return last_goal(driven), center
 
 
