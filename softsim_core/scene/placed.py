@@ -10,7 +10,6 @@ import numpy as np
 from softsim_core.arrays import Array
 from softsim_core.mechanics.pose import euler_of, rotation_euler
 from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.builder import with_rest_frames
 from softsim_core.scene.description import SceneDescription
 from softsim_core.values import DIRECTION, LOCAL, POINT, Box, Placement, Sphere, Vector
 
@@ -62,6 +61,8 @@ def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
     Raises:
         SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.builder.
     """
+    from softsim_core.scene.builder import with_rest_frames  # late: most processes only read scenes
+
     scene = with_rest_frames(scene)
     moved: SceneDescription = _placed(scene, motion)
     soft = {each.name for each in scene.bodies}

@@ -16,8 +16,7 @@ import numpy as np
 
 from softsim_core.actuation.actuator import Actuator, ActuatorView, GeometricStiffness
 from softsim_core.actuation.actuators import Constraints
-from softsim_core.actuation.cable.layout import RowLayout
-from softsim_core.actuation.compiled.cables import IN_BODY, IN_WORLD, CableArrays
+from softsim_core.actuation.cable.layout import IN_BODY, IN_WORLD, CableArrays, RowLayout
 from softsim_core.arrays import Array, BoolArray, IndexArray
 from softsim_core.mechanics.control import Transmissions
 from softsim_core.mechanics.model import Model

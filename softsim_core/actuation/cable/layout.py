@@ -1,4 +1,4 @@
-"""What never changes in the rows of cables: where their entries stand."""
+"""Arrays of cables: where the entries of their rows stand, and what the compiled kernels take."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import numpy as np
 
 from softsim_core.arrays import Array, IndexArray
 from softsim_core.mechanics.model import Model
+
+IN_BODY, IN_WORLD = -2, -1
+"""What carries a cable's point where no joint does."""
 
 
 class RowLayout(NamedTuple):
@@ -30,6 +33,34 @@ class RowLayout(NamedTuple):
     levers: IndexArray
     lever_points: IndexArray
     lever_unknowns: IndexArray
+
+
+class CableArrays(NamedTuple):
+    """All cables of a scene: p points, m joints that carry pull points.
+
+    Attributes:
+        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4).
+        carrier: Joint that carries each point, or IN_WORLD or IN_BODY, shape (p,).
+        local: Where in the carrier's frame in [m], shape (p, 3).
+        entry: First of the four entries of each point in the rows of all cables, shape (p,).
+        levers, lever_points, lever_unknowns: See RowLayout, shapes (m,).
+        rest_length: In [m], shape (c,).
+        points, pulls: Filled by `measure_cables`: points in [m], and H on them, shape (p, 3).
+    """
+
+    first: IndexArray
+    nodes: IndexArray
+    weights: Array
+    carrier: IndexArray
+    local: Array
+    entry: IndexArray
+    levers: IndexArray
+    lever_points: IndexArray
+    lever_unknowns: IndexArray
+    rest_length: Array
+    points: Array
+    pulls: Array
 
 
 def row_layout(

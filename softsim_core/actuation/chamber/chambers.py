@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,10 +11,43 @@ from softsim_core.actuation.actuators import PlainGroup
 from softsim_core.actuation.building import ActuatorKind, Placed, Surroundings
 from softsim_core.actuation.chamber.chamber import Chamber
 from softsim_core.actuation.chamber.description import ChamberDescription
-from softsim_core.actuation.compiled.chambers import ChamberArrays
+from softsim_core.arrays import Array, IndexArray
 
 _MOST = 6
 """Nodes of a face at most."""
+
+
+class ChamberArrays(NamedTuple):
+    """All chambers of a scene: f faces of up to six nodes.
+
+    Attributes:
+        row: Row of each chamber among those of all actuators, shape (c,).
+        first: Where each chamber's faces begin; the last one ends them, shape (c + 1,).
+        size: How many nodes the faces of each have, shape (c,).
+        nodes: Nodes of each face, shape (f, 6).
+        entry: Entry of each of them among those of all chambers, shape (f, 6).
+        pairs: Pairs of a face's nodes, shape (c, 15, 2).
+        shares: What the cross product of each pair gives to the slope of each node, shape (c, 15, 6).
+        middle: Where each has its origin in [m], shape (c, 3).
+        at_rest: Volumes about that at rest in [m^3], shape (c,).
+        begin: First entry of the chambers among those of all actuators, shape (1,).
+        rows: Filled by `measure_chambers`: coefficients of their entries, shape (k, 3).
+        corners, slopes: Room for one face, shapes (6, 3).
+    """
+
+    row: IndexArray
+    first: IndexArray
+    size: IndexArray
+    nodes: IndexArray
+    entry: IndexArray
+    pairs: IndexArray
+    shares: Array
+    middle: Array
+    at_rest: Array
+    begin: IndexArray
+    rows: Array
+    corners: Array
+    slopes: Array
 
 
 class Chambers(PlainGroup):

@@ -3,41 +3,10 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
+from softsim_core.actuation.cable.layout import IN_BODY, IN_WORLD, CableArrays
 from softsim_core.actuation.compiled.compile import kernel
-from softsim_core.arrays import Array, IndexArray
-
-IN_BODY, IN_WORLD = -2, -1
-"""What carries a cable's point where no joint does."""
-
-
-class CableArrays(NamedTuple):
-    """All cables of a scene: p points, m joints that carry pull points.
-
-    Attributes:
-        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
-        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4).
-        carrier: Joint that carries each point, or IN_WORLD or IN_BODY, shape (p,).
-        local: Where in the carrier's frame in [m], shape (p, 3).
-        entry: First of the four entries of each point in the rows of all cables, shape (p,).
-        levers, lever_points, lever_unknowns: See cable.layout.RowLayout, shapes (m,).
-        rest_length: In [m], shape (c,).
-        points, pulls: Filled by `measure_cables`: points in [m], and H on them, shape (p, 3).
-    """
-
-    first: IndexArray
-    nodes: IndexArray
-    weights: Array
-    carrier: IndexArray
-    local: Array
-    entry: IndexArray
-    levers: IndexArray
-    lever_points: IndexArray
-    lever_unknowns: IndexArray
-    rest_length: Array
-    points: Array
-    pulls: Array
+from softsim_core.arrays import Array
 
 
 @kernel
