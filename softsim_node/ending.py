@@ -35,7 +35,7 @@ LOOK_S = 0.05
 _COMPILER = "llvmlite.binding."
 
 atexit.register(gc.freeze)
-# At the exit the interpreter would search everything that was ever imported for garbage: 0.15 s to 0.3 s for nothing.
+# Without it the interpreter searches all that was imported for garbage before it exits: 0.15 s to 0.3 s.
 
 Result = TypeVar("Result")
 

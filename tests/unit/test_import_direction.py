@@ -302,6 +302,15 @@ def test_the_bridge_uses_only_errors_units_limits_and_robot_configs() -> None:
     assert found == []
 
 
+@pytest.mark.ros
+def test_programs_that_only_read_scenes_start_without_the_compiler() -> None:
+    """Numba takes a quarter of the time in which they would start."""
+    pytest.importorskip("rclpy")
+    nodes = "softsim_ros.teleop.teleop_node, softsim_ros.recording.recorder_node, servo_bridge.bridge_node"
+    code = f"import sys, {nodes}; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
+
+
 def library_part(file: Path) -> Iterator[ast.AST]:
     """Everything in a module but the blocks that run when it is a program (`if __name__ == "__main__"`)."""
     for node in tree_of(file).body:

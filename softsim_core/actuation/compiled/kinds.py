@@ -13,9 +13,10 @@ import numpy as np
 
 from softsim_core.actuation.actuators import Actuators
 from softsim_core.actuation.cable.cables import Cables
-from softsim_core.actuation.chamber.chambers import Chambers
-from softsim_core.actuation.compiled.cables import CableArrays, fill_cables, measure_cables
-from softsim_core.actuation.compiled.chambers import ChamberArrays, fill_chambers, measure_chambers
+from softsim_core.actuation.cable.layout import CableArrays
+from softsim_core.actuation.chamber.chambers import ChamberArrays, Chambers
+from softsim_core.actuation.compiled.cables import fill_cables, measure_cables
+from softsim_core.actuation.compiled.chambers import fill_chambers, measure_chambers
 from softsim_core.actuation.compiled.compile import kernel
 from softsim_core.arrays import Array
 
