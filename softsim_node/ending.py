@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import atexit
 import errno
-import gc
 import os
 import signal
 import sys
@@ -33,9 +31,6 @@ LOOK_S = 0.05
 """Who waits for other work looks this often whether the process shall end, in [s]."""
 
 _COMPILER = "llvmlite.binding."
-
-atexit.register(gc.freeze)
-# Without it the interpreter searches all that was imported for garbage before it exits: 0.15 s to 0.3 s.
 
 Result = TypeVar("Result")
 

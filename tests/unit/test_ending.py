@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from node_processes import spin_until
@@ -128,3 +129,17 @@ def test_work_that_is_left_behind_ends_with_the_process_at_once(context: str) ->
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (7, "", "")
+
+
+def test_a_file_that_a_controller_keeps_open_is_complete_after_the_exit(tmp_path: Path) -> None:
+    """A reference cycle is closed by the last search for garbage, which nothing may leave out."""
+    program = f"""
+import softsim_node.ending, softsim_node.program
+class Controller:
+    def __init__(self):
+        self.own, self.file = self, open({str(tmp_path / "rows.csv")!r}, "w")
+        self.file.write("row")
+controller = Controller()
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+    assert (tmp_path / "rows.csv").read_text() == "row"

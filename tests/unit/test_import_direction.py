@@ -305,9 +305,10 @@ def test_the_bridge_uses_only_errors_units_limits_and_robot_configs() -> None:
 @pytest.mark.ros
 def test_programs_that_only_read_scenes_start_without_the_compiler() -> None:
     """Numba takes a quarter of the time in which they would start."""
-    pytest.importorskip("rclpy")
+    for name in ("rclpy", "viser", "mcap"):
+        pytest.importorskip(name)
     nodes = "softsim_ros.teleop.teleop_node, softsim_ros.recording.recorder_node, servo_bridge.bridge_node"
-    code = f"import sys, {nodes}; sys.exit('numba' in sys.modules)"
+    code = f"import sys, {nodes}, softsim_ros.viewer.viewer_node; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
 
 
