@@ -70,7 +70,12 @@ class Prediction:
 
 
 Near: TypeAlias = dict[tuple[float, ...], tuple[State, Array]]
-"""Equilibria of a model that differs little, and its joints' rest positions (j,), by the joints' command."""
+"""Equilibria of a model that differs little, and its joints' rest positions (j,), by the joints' command.
+
+The one at the start pose is at `START`: its command is another one where zero is another position.
+"""
+
+START: Final = ()
 
 
 def replay(
@@ -171,12 +176,11 @@ class _Walk:
         joints = simulation.model.joints
         self.rest = np.array([joint.rest for joint in joints])
         self._moving = np.array([joint.moves_frame for joint in joints], dtype=np.bool_)
-        home = tuple(start.tolist())
-        found = self._settled(start, self._here(*near[home])) if home in near else None
+        found = self._settled(start, self._here(*near[START])) if START in near else None
         if found is None:
             found = self._settled(start)
         if found is not None:
-            near[home] = found, self.rest
+            near[START] = found, self.rest
         self._home = simulation.snapshot()
 
     def to(self, joints: Array, near: tuple[State, Array] | None) -> State | None:

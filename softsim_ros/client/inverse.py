@@ -8,11 +8,10 @@ from collections.abc import Sequence
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from std_srvs.srv import SetBool
 
 from softsim_ros.client.goals import format_point, moved_goal
 from softsim_ros.client.known import Known
-from softsim_ros.client.services import Done, Outcome, Request, unheeded
+from softsim_ros.client.services import Done, Outcome, Switch, unheeded
 from softsim_ros.client.state import STALE_AFTER_S, EffectorPose, with_inverse
 from softsim_ros.messages import pose_stamped
 from softsim_ros.qos import MEASURED, NEWEST_ONLY
@@ -33,7 +32,7 @@ class Inverse:
 
     def __init__(self, node: Node, known: Known) -> None:
         self._known, self._clock = known, node.get_clock()
-        self._enable = Request(node, SetBool, "inverse_controller/enable", "inverse control", known.say)
+        self._enable = Switch(node, "inverse_controller/enable", "inverse control", known.say)
         self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
         self._measured_at, self._tells_why = -math.inf, False
         StateListener(node, "inverse_controller/enabled", self._on_enabled)
@@ -53,11 +52,11 @@ class Inverse:
             self._known.put(with_inverse(self._known.state, enabled))
             return f"inverse control is {'on' if enabled else 'off'}"
 
-        self._enable.ask(SetBool.Request(data=enabled), done, switched)
+        self._enable.set(enabled, done, switched)
 
     def toggle(self, done: Done = unheeded) -> None:
         """Switch it on while it is off, and off while it is on."""
-        self.enable(not self._known.state.inverse, done)
+        self.enable(self._enable.opposite(self._known.state.inverse), done)
 
     def give_goal(self, goal: EffectorPose, done: Done = unheeded) -> None:
         """Give it a goal; nothing while it is off."""

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import SetBool
 
 ANSWER_WITHIN_S: Final = 8.0
 """Default time in [s] until a call is given up; a port may take a few seconds to open."""
@@ -151,3 +152,53 @@ class Request:
         if end.sentence:
             self._say(end.sentence)
         done(end)
+
+
+class Switch:
+    """A service that switches something on or off, with nothing lost where a person is faster than it.
+
+    What is asked for during a call is sent once that has ended; of several requests only the newest.
+
+    Args:
+        node: The node whose executor delivers the answers.
+        name: Name of the SetBool service, relative to the node's namespace.
+        who: The other node in words, such as "simulator".
+        say: Called with a sentence for the person.
+    """
+
+    def __init__(self, node: Node, name: str, who: str, say: Callable[[str], None]) -> None:
+        self._request, self._who = Request(node, SetBool, name, who, say), who
+        self._asked: bool | None = None
+        self._next: tuple[bool, Done, Callable[[], str]] | None = None
+
+    @property
+    def is_there(self) -> bool:
+        """A server has been found."""
+        return self._request.is_there
+
+    def expire(self, now: float) -> None:
+        """Give up a call that has waited too long; `now` is a steady clock in [s]."""
+        self._request.expire(now)
+
+    def opposite(self, present: bool) -> bool:
+        """What a press asks for: the opposite of what was asked for and is not answered yet, or of `present`."""
+        return not (present if self._asked is None else self._asked)
+
+    def set(self, on: bool, done: Done, on_success: Callable[[], str]) -> None:
+        """Switch it on or off; see `Request.ask` for the other arguments."""
+        self._asked = on
+        if self._request.is_busy:
+            overtaken, self._next = self._next, (on, done, on_success)
+            if overtaken is not None:
+                overtaken[1](Outcome(False, f"{self._who}: a newer request came before the answer"))
+            return
+
+        def ended(end: Outcome) -> None:
+            following, self._next = self._next, None
+            if following is None:
+                self._asked = None
+            done(end)
+            if following is not None:
+                self.set(*following)
+
+        self._request.ask(SetBool.Request(data=on), ended, on_success)

@@ -8,13 +8,13 @@ from typing import Final
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import MultiDOFJointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from softsim_ros.client.inverse import Inverse
 from softsim_ros.client.joints import Joints
 from softsim_ros.client.known import Known
 from softsim_ros.client.parameters import Parameters
-from softsim_ros.client.services import Done, Outcome, Request, unheeded
+from softsim_ros.client.services import Done, Outcome, Request, Switch, unheeded
 from softsim_ros.client.wishes import INVERSE_OWNS
 from softsim_ros.messages import base_target, header
 from softsim_ros.qos import NEWEST_ONLY
@@ -41,12 +41,12 @@ class Simulator:
         self._known, self._joints, self._inverse, self._clock = known, joints, inverse, node.get_clock()
         self.parameters = Parameters(node, known)
 
-        def request(kind: object, name: str, within_s: float = 8.0) -> Request:
-            return Request(node, kind, f"simulator/{name}", "simulator", known.say, within_s)
+        def request(name: str, within_s: float = 8.0) -> Request:
+            return Request(node, Trigger, f"simulator/{name}", "simulator", known.say, within_s)
 
-        self._start, self._reset = request(Trigger, "start"), request(Trigger, "reset")
-        self._pause, self._step = request(SetBool, "pause"), request(Trigger, "step")
-        self._reload = request(Trigger, "reload", RELOAD_WITHIN_S)
+        self._start, self._reset, self._step = request("start"), request("reset"), request("step")
+        self._pause = Switch(node, "simulator/pause", "simulator", known.say)
+        self._reload = request("reload", RELOAD_WITHIN_S)
         self._services = (self._start, self._reset, self._pause, self._step, self._reload)
         self._bases = node.create_publisher(MultiDOFJointState, "base_target", NEWEST_ONLY)
         self._wrenches = node.create_publisher(WrenchStamped, "external_wrench", NEWEST_ONLY)
@@ -107,11 +107,11 @@ class Simulator:
             self._known.change(simulator="paused" if paused else "running")
             return "simulation paused" if paused else "simulation goes on"
 
-        self._pause.ask(SetBool.Request(data=paused), done, changed)
+        self._pause.set(paused, done, changed)
 
     def toggle_pause(self, done: Done = unheeded) -> None:
         """Pause a simulation that runs, run one that stands."""
-        self.pause(not self._known.state.stands, done)
+        self.pause(self._pause.opposite(self._known.state.stands), done)
 
     def step(self, done: Done = unheeded) -> None:
         """One step; a running simulation is paused first."""

@@ -90,6 +90,21 @@ def test_time_stands_still_steps_and_begins_anew(robot: RobotSession) -> None:
         robot.do(simulator.parameters.set, "speed", -1.0)
 
 
+@pytest.mark.parametrize(("presses", "after"), [(1, "paused"), (2, "running"), (3, "paused"), (4, "running")])
+def test_presses_faster_than_the_answers_all_count(robot: RobotSession, presses: int, after: str) -> None:
+    simulator = robot.client.simulator
+    robot.do(simulator.pause, False)
+
+    def press(done: Callable[[Any], None]) -> None:
+        for _ in range(presses - 1):
+            simulator.toggle_pause()
+        simulator.toggle_pause(done)
+
+    robot.do(press)
+    robot.wait_until(lambda state: state.simulator == after, DEADLINE_S, what=after)
+    robot.do(simulator.pause, False)
+
+
 def test_what_is_not_there_is_refused_in_a_sentence(robot: RobotSession, ros_domain: int) -> None:
     client = robot.client
     for action, words in (

@@ -10,9 +10,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from lifecycle_msgs.srv import GetState
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
+from servo_bridge.state_topics import STATE_QOS
 from softsim_ros.messages import diagnostic_values
 
 BODY = "/bodies/silicone"
@@ -33,7 +34,8 @@ class Driven:
         self.goals = client.collect(PoseStamped, "effector_goal", 50)
         self.wrenches = client.collect(WrenchStamped, "external_wrench", 50)
         self.diagnostics = client.collect(DiagnosticArray, "/diagnostics", 50)
-        assert self.until(lambda: self.states)
+        self.pauses = client.collect(Bool, "simulator/paused", STATE_QOS)
+        assert self.until(lambda: self.states and self.pauses)
 
     def until(self, condition: Callable[[], Any]) -> bool:
         return self._spin_until(condition, WAIT_S)
@@ -45,9 +47,9 @@ class Driven:
 
     def await_page(self) -> None:
         """Wait until all that the page has sent has had its effect: pause the robot, and let it go on."""
-        for state in ("paused", "running"):
+        for paused in (True, False):
             self.page.click("Run / pause")
-            assert self.shows(state)
+            assert self.until(lambda: self.pauses[-1].data == paused)
 
     def joints_at(self, *wanted: float) -> bool:
         """Whether the joints come to stand still at these positions."""
