@@ -176,12 +176,17 @@ class Switch:
         """A server has been found."""
         return self._request.is_there
 
+    @property
+    def is_busy(self) -> bool:
+        """A call is under way."""
+        return self._request.is_busy
+
     def expire(self, now: float) -> None:
         """Give up a call that has waited too long; `now` is a steady clock in [s]."""
         self._request.expire(now)
 
     def opposite(self, present: bool) -> bool:
-        """What a press asks for: the opposite of what was asked for and is not answered yet, or of `present`."""
+        """What a press asks for: the opposite of what is asked for and not answered yet, or of `present`."""
         return not (present if self._asked is None else self._asked)
 
     def set(self, on: bool, done: Done, on_success: Callable[[], str]) -> None:

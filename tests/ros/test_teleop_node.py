@@ -33,7 +33,7 @@ from softsim_ros.teleop.teleop_node import main
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 
 JOINTS = ["servo_0", "servo_1", "servo_2"]
-START = (-1.0, -1.1, -1.2)
+START = (-3.14 / 3,) * 3  # the pose mid: a command to go there and the measured positions agree
 TELEOP = [sys.executable, "-m", "softsim_ros.teleop.teleop_node"]
 
 
@@ -59,6 +59,12 @@ class Robot:
             self.positions = list(message.data)
             self.received.append(tuple(message.data))
             self._changed.notify_all()
+
+    def obeys(self, session: TerminalSession, key: bytes) -> bool:
+        """Type a key; whether a command comes within a second."""
+        session.type(key)
+        with self._changed:
+            return self._changed.wait_for(lambda: bool(self.received), 1.0)
 
     def wait_for_commands(self, count: int) -> list[tuple[float, ...]]:
         """The first `count` commands; fails when they do not come."""
@@ -99,6 +105,8 @@ def running(ros_domain: int) -> Iterator[tuple[Robot, TerminalSession]]:
     """One robot and one teleop for the tests of the module; Ctrl+C ends it."""
     with running_robot() as peer, TerminalSession(TELEOP) as session:
         session.wait_for("simulator: running")
+        # What is sent before the two have found each other both ways is lost: press until a command has come.
+        assert any(peer.obeys(session, b"q") for _ in range(int(DEADLINE_S))), session.screen
         yield peer, session
         session.type(b"\x03")
         quits_cleanly(session)
@@ -164,10 +172,10 @@ def test_typed_keys_become_commands(robot: Robot, teleop: TerminalSession) -> No
 @pytest.mark.slow
 def test_unknown_sequences_move_nothing(robot: Robot, teleop: TerminalSession) -> None:
     teleop.type(b"\x1ba\x1b[200~qqz\x1b[A\x1b[201~\x1b[1;3A\x1b]0;qz\x07\x1b[<0;1;1M\xc3\xa9\x1b[24~")
-    teleop.type(b"q")
-    assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
+    presses = next(count for count in range(1, 60) if robot.obeys(teleop, b"q"))
     teleop.wait_for("> pose mid")
-    assert len(robot.received) == 1
+    assert robot.received == [pytest.approx((-3.14 / 3,) * 3)] * len(robot.received)
+    assert len(robot.received) <= presses
 
 
 @pytest.mark.slow

@@ -47,9 +47,10 @@ class Driven:
 
     def await_page(self) -> None:
         """Wait until all that the page has sent has had its effect: pause the robot, and let it go on."""
-        for paused in (True, False):
+        for _ in ("pause", "run"):
+            before = self.pauses[-1].data
             self.page.click("Run / pause")
-            assert self.until(lambda: self.pauses[-1].data == paused)
+            assert self.until(lambda before=before: self.pauses[-1].data != before)
 
     def joints_at(self, *wanted: float) -> bool:
         """Whether the joints come to stand still at these positions."""

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
+CAMERA = "window.__viserMutable.camera.position.toArray()"
 SPEAKING_SCENE = """
 from softsim_core.robots.parts import servo
 
@@ -227,34 +228,58 @@ def test_a_turned_goal_has_another_orientation(driven: Driven, inverse: None) ->
     assert math.hypot(q.x, q.z) < 0.2 * abs(q.y)
 
 
-@pytest.mark.parametrize("mode", ["shift", "switch"])
-def test_a_drag_pulls_the_body(driven: Driven, mode: str) -> None:
-    page, shift = driven.page, mode == "shift"
+@pytest.fixture
+def pull_mode(driven: Driven) -> Iterator[None]:
+    """Drags pull, until the test ends: a page that stayed so would turn no camera and move no handle."""
+    switch = "Drag pulls (as Shift + drag)"
+    driven.page.tab("View")
+    driven.page.tick(switch)
+    yield
+    driven.page.tick(switch)
+
+
+def test_a_drag_with_shift_pulls_the_body(driven: Driven) -> None:
+    pulls_the_body(driven, shift=True)
+
+
+@pytest.mark.usefixtures("pull_mode")
+def test_a_drag_pulls_the_body_where_drags_are_to_pull(driven: Driven) -> None:
+    pulls_the_body(driven, shift=False)
+
+
+def test_after_that_a_drag_turns_the_camera_again(driven: Driven) -> None:
+    x, y = grip_of(driven)
+    before, position = len(driven.wrenches), driven.page.page.evaluate(CAMERA)
+    driven.page.drag((x, y + 2.0), (x + 20.0, y - 20.0))
+    driven.page.release()
+    driven.await_page()
+    assert driven.page.page.evaluate(CAMERA) != pytest.approx(position, abs=10.0)
+    assert len(driven.wrenches) == before
+    driven.page.click("Reset view")
+
+
+def grip_of(driven: Driven) -> tuple[float, float]:
+    """Where on the screen the highest point of an arm is seen."""
     driven.to_mid()
-    if not shift:
-        page.tab("View")
-        page.tick("Drag pulls (as Shift + drag)")
-    vertices = page.vertices(BODY)
+    vertices = driven.page.vertices(BODY)
     points = list(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True))
     arm = [point for point in points if 12.0 < math.hypot(*point[:2]) < 20.0 and point[0] > 0.0]
-    grip = page.screen(max(arm, key=lambda point: point[2]))
+    return driven.page.screen(max(arm, key=lambda point: point[2]))
+
+
+def pulls_the_body(driven: Driven, *, shift: bool) -> None:
+    x, y = grip_of(driven)
     before = len(driven.wrenches)
-    page.drag((grip[0], grip[1] + 2.0), (grip[0], grip[1] - 60.0), shift=shift)
+    driven.page.drag((x, y + 2.0), (x, y - 60.0), shift=shift)
     assert driven.until(lambda: len(driven.wrenches) > before + 10)
     last = driven.wrenches[-1]
-    page.release(shift=shift)
+    driven.page.release(shift=shift)
     assert last.header.frame_id.startswith("mesh_point/")
     assert last.wrench.force.z > 0.1  # upwards, as the mouse went
     driven.await_page()
     count = len(driven.wrenches)
     driven.await_page()
     assert len(driven.wrenches) == count  # let go
-    if not shift:
-        page.tick("Drag pulls (as Shift + drag)")
-        page.drag((grip[0], grip[1] + 2.0), (grip[0] + 20.0, grip[1] - 20.0))
-        page.release()
-        assert len(driven.wrenches) == count  # it turns the camera again
-        page.click("Reset view")
 
 
 def test_two_browsers_agree(driven: Driven, browser: Any, station: tuple[Any, str]) -> None:
